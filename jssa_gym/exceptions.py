@@ -1,0 +1,29 @@
+"""Errors that the package raises; each message says what was wrong and what would be right."""
+
+
+class JSSAGymError(Exception):
+    """Root of every error of this package."""
+
+
+class RobotModelError(JSSAGymError, ValueError):
+    """A robot description cannot be modelled, or a limit is missing; names the joint or geom."""
+
+
+class InvalidActionError(JSSAGymError, ValueError):
+    """An action has the wrong shape or type. Raised before anything moves."""
+
+
+class ParameterError(JSSAGymError, ValueError):
+    """A parameter is out of range or unknown; the message lists what is valid."""
+
+
+class InterfaceError(JSSAGymError, TypeError):
+    """An environment does not offer what a shield needs: ``robot``, ``dt`` and ``scene``."""
+
+
+class DisplayError(JSSAGymError, RuntimeError):
+    """Nothing to draw on: no display for a window, or no OpenGL backend for pictures."""
+
+
+class MissingExtraError(JSSAGymError, ImportError):
+    """An optional dependency is not installed; the message says what to install."""

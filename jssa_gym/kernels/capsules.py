@@ -1,0 +1,126 @@
+"""Distances between capsules, and between capsules and half-spaces."""
+
+import numpy as np
+
+from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.vector import along, dot, subtract
+
+_POINT = 1e-30
+"""Squared length [m²] under which a segment is a point."""
+
+_PARALLEL = 1e-12
+"""sin² of the angle under which two segments count as parallel."""
+
+
+@jit
+def _unit(x):
+    return min(max(x, 0.0), 1.0)
+
+
+@jit
+def closest_points(a, b, c, d):
+    r"""Fractions :math:`s, r` of the closest points of the segments a–b and c–d.
+
+    Minimises the convex :math:`|(a + sE) - (c + rF)|^2` over the unit square: stationary point, clamped in
+    one variable, projected in the other, clamped again. Points, parallel and crossing segments included.
+    NaN in, NaN out.
+    """
+    e, f, w = subtract(b, a), subtract(d, c), subtract(a, c)
+    ee, ff, fw = dot(e, e), dot(f, f), dot(f, w)
+    if ee <= _POINT:
+        if ff <= _POINT:
+            return 0.0, 0.0
+        return 0.0, _unit(fw / ff)
+    ew = dot(e, w)
+    if ff <= _POINT:
+        return _unit(-ew / ee), 0.0
+    ef = dot(e, f)
+    det = ee * ff - ef * ef
+    s = _unit((ef * fw - ew * ff) / det) if det > _PARALLEL * ee * ff else 0.0
+    r = (ef * s + fw) / ff
+    if r < 0.0:
+        r = 0.0
+        s = _unit(-ew / ee)
+    elif r > 1.0:
+        r = 1.0
+        s = _unit((ef - ew) / ee)
+    return s, r
+
+
+@jit
+def capsule_pair(a, b, c, d, radii):
+    """Signed surface distance of two capsules and the fractions of the closest axis points.
+
+    Negative in penetration; ``radii`` is the sum of both radii [m].
+    """
+    s, r = closest_points(a, b, c, d)
+    w = subtract(along(a, b, s), along(c, d, r))
+    return np.sqrt(dot(w, w)) - radii, s, r
+
+
+@jit
+def plane_pair(a, b, radius, plane):
+    """Signed surface distance of a capsule to a solid half-space, and the fraction of its lowest axis point."""
+    height_a, height_b = dot(plane["normal"], a), dot(plane["normal"], b)
+    s = 1.0 if height_b < height_a else 0.0
+    return min(height_a, height_b) - plane["offset"] - radius, s
+
+
+@jit
+def measure_agents(segments, agents, pairs):
+    """Distances of all robot capsules to all agents.
+
+    Args:
+        segments: Robot capsules in the world, shape (m,) of ``SEGMENT``.
+        agents: Shape (k,) of ``AGENT``.
+        pairs: Result, shape (m, k) of ``PAIR``: ``distance``, ``s``, ``r``.
+    """
+    for i in range(segments.shape[0]):
+        robot = segments[i]
+        for j in range(agents.shape[0]):
+            agent, pair = agents[j], pairs[i, j]
+            radii = robot["radius"] + agent["radius"]
+            pair["distance"], pair["s"], pair["r"] = capsule_pair(
+                robot["start"], robot["end"], agent["start"], agent["end"], radii
+            )
+
+
+@jit
+def measure_planes(segments, planes, pairs):
+    """Distances of the robot capsules to half-spaces, into ``pairs`` of shape (m, k) of ``PAIR``.
+
+    Capsules of the first link stand on the base by construction: their distance is inf.
+    """
+    for i in range(segments.shape[0]):
+        robot = segments[i]
+        for j in range(planes.shape[0]):
+            pair = pairs[i, j]
+            pair["r"] = 0.0
+            distance, pair["s"] = plane_pair(robot["start"], robot["end"], robot["radius"], planes[j])
+            pair["distance"] = np.inf if robot["link"] == 0 else distance
+
+
+@jit
+def measure_self(segments, self_pairs, distances):
+    """Distances of the robot capsule pairs ``self_pairs`` (p, 2), into ``distances`` (p,) [m]."""
+    for k in range(self_pairs.shape[0]):
+        one, two = segments[self_pairs[k, 0]], segments[self_pairs[k, 1]]
+        radii = one["radius"] + two["radius"]
+        distances[k], _, _ = capsule_pair(one["start"], one["end"], two["start"], two["end"], radii)
+
+
+@jit
+def nearest(pairs, columns):
+    """Row, column and distance of the closest pair in the first columns.
+
+    A NaN distance wins, so that it is never overlooked. Without columns: -1, -1, inf.
+    """
+    row, column, smallest = -1, -1, np.inf
+    for i in range(pairs.shape[0]):
+        for j in range(columns):
+            distance = pairs[i, j]["distance"]
+            if not (distance >= smallest):
+                row, column, smallest = i, j, distance
+                if np.isnan(distance):
+                    return row, column, smallest
+    return row, column, smallest

@@ -1,0 +1,163 @@
+r"""Kinematics of a serial chain of hinge joints.
+
+Frame :math:`i` sits on joint :math:`i`'s axis and turns with link :math:`i`. With :math:`r` the offset to the
+next origin, the recursion of velocities, accelerations and jerks follows from :math:`\dot r = \omega\times r`
+and :math:`\dot z = \omega\times z`; nothing is left out of the angular terms.
+"""
+
+import numpy as np
+
+from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.vector import add, along, cross, dot, put, scale, subtract
+
+
+@jit
+def velocity_of(frame, r):
+    """Velocity of the point at world offset r from a frame's origin, moving with the link [m/s]."""
+    return add(frame["velocity"], cross(frame["omega"], r))
+
+
+@jit
+def acceleration_of(frame, r):
+    """Acceleration of the point at world offset r from a frame's origin [m/s²]."""
+    omega = frame["omega"]
+    turning = add(cross(frame["alpha"], r), cross(omega, cross(omega, r)))
+    return add(frame["acceleration"], turning)
+
+
+@jit
+def drift_of(frame, r):
+    r"""Jerk at zero joint jerk, :math:`\ddot J\dot\theta + 2\dot J\ddot\theta` of Eq. (10) [m/s³]."""
+    omega, alpha = frame["omega"], frame["alpha"]
+    r_dot = cross(omega, r)
+    r_ddot = add(cross(alpha, r), cross(omega, r_dot))
+    turning = add(cross(frame["psi"], r), scale(cross(alpha, r_dot), 2.0))
+    turning = add(turning, cross(omega, r_ddot))
+    return add(frame["drift"], turning)
+
+
+@jit
+def forward(links, state, frames):
+    r"""Motion of all link frames: pose, velocity, acceleration and drift (Eq. 10).
+
+    Args:
+        links: Chain geometry, shape (n,) of ``LINK``.
+        state: Rows position, velocity, acceleration, shape (3, n) [rad, rad/s, rad/s²].
+        frames: Result, shape (n,) of ``FRAME``, world coordinates.
+    """
+    for i in range(links.shape[0]):
+        link, frame = links[i], frames[i]
+        fixed, rotation = link["rotation"], frame["rotation"]
+        x, y, z = link["axis"][0], link["axis"][1], link["axis"][2]
+        q, q_dot, q_ddot = state[0, i], state[1, i], state[2, i]
+        c, s = np.cos(q), np.sin(q)
+        k = 1.0 - c
+        # Rodrigues' rotation about the joint's axis, columns of the matrix
+        turn = (
+            (c + x * x * k, x * y * k + z * s, x * z * k - y * s),
+            (x * y * k - z * s, c + y * y * k, y * z * k + x * s),
+            (x * z * k + y * s, y * z * k - x * s, c + z * z * k),
+        )
+        if i == 0:
+            for row in range(3):
+                for column in range(3):
+                    rotation[row, column] = dot(fixed[row], turn[column])
+            put(frame["origin"], link["offset"])
+            axis = (dot(fixed[0], link["axis"]), dot(fixed[1], link["axis"]), dot(fixed[2], link["axis"]))
+            put(frame["axis"], axis)
+            put(frame["omega"], scale(axis, q_dot))
+            put(frame["alpha"], scale(axis, q_ddot))
+            put(frame["psi"], (0.0, 0.0, 0.0))
+            put(frame["velocity"], (0.0, 0.0, 0.0))
+            put(frame["acceleration"], (0.0, 0.0, 0.0))
+            put(frame["drift"], (0.0, 0.0, 0.0))
+            continue
+        before = frames[i - 1]
+        base = before["rotation"]
+        offset, local_axis = link["offset"], link["axis"]
+        # axis in the previous link's frame, then in the world
+        seated = (dot(fixed[0], local_axis), dot(fixed[1], local_axis), dot(fixed[2], local_axis))
+        axis = (dot(base[0], seated), dot(base[1], seated), dot(base[2], seated))
+        r = (dot(base[0], offset), dot(base[1], offset), dot(base[2], offset))
+        for row in range(3):
+            along_row = (
+                base[row, 0] * fixed[0, 0] + base[row, 1] * fixed[1, 0] + base[row, 2] * fixed[2, 0],
+                base[row, 0] * fixed[0, 1] + base[row, 1] * fixed[1, 1] + base[row, 2] * fixed[2, 1],
+                base[row, 0] * fixed[0, 2] + base[row, 1] * fixed[1, 2] + base[row, 2] * fixed[2, 2],
+            )
+            for column in range(3):
+                rotation[row, column] = dot(along_row, turn[column])
+        put(frame["axis"], axis)
+        put(frame["origin"], add(before["origin"], r))
+        put(frame["velocity"], velocity_of(before, r))
+        put(frame["acceleration"], acceleration_of(before, r))
+        put(frame["drift"], drift_of(before, r))
+
+        omega, alpha = before["omega"], before["alpha"]
+        axis_dot = cross(omega, axis)
+        axis_ddot = add(cross(alpha, axis), cross(omega, axis_dot))
+        put(frame["omega"], add(omega, scale(axis, q_dot)))
+        put(frame["alpha"], add(add(alpha, scale(axis, q_ddot)), scale(axis_dot, q_dot)))
+        psi = add(before["psi"], scale(axis_dot, 2.0 * q_ddot))
+        put(frame["psi"], add(psi, scale(axis_ddot, q_dot)))
+
+
+@jit
+def place(frames, capsules, segments):
+    """Motion of the axes of all robot capsules in world coordinates.
+
+    Args:
+        frames: Shape (n,) of ``FRAME``, from :func:`forward`.
+        capsules: Shape (m,) of ``CAPSULE``.
+        segments: Result, shape (m,) of ``SEGMENT``.
+    """
+    for i in range(capsules.shape[0]):
+        capsule, segment = capsules[i], segments[i]
+        frame = frames[capsule["link"]]
+        rotation = frame["rotation"]
+        a, b = capsule["start"], capsule["end"]
+        r = (dot(rotation[0], a), dot(rotation[1], a), dot(rotation[2], a))
+        put(segment["start"], add(frame["origin"], r))
+        put(segment["start_velocity"], velocity_of(frame, r))
+        put(segment["start_acceleration"], acceleration_of(frame, r))
+        r = (dot(rotation[0], b), dot(rotation[1], b), dot(rotation[2], b))
+        put(segment["end"], add(frame["origin"], r))
+        put(segment["end_velocity"], velocity_of(frame, r))
+        put(segment["end_acceleration"], acceleration_of(frame, r))
+        segment["radius"] = capsule["radius"]
+        segment["link"] = capsule["link"]
+
+
+@jit
+def jacobian(frames, link, point, out):
+    r"""Jacobian :math:`J` of a world point on a link, :math:`J_j = z_j \times (p - p_j)`, shape (3, n) [m]."""
+    for j in range(frames.shape[0]):
+        if j > link:
+            column = (0.0, 0.0, 0.0)
+        else:
+            column = cross(frames[j]["axis"], subtract(point, frames[j]["origin"]))
+        out[0, j], out[1, j], out[2, j] = column
+
+
+@jit
+def jacobian_rate(frames, link, point, out):
+    r""":math:`\dot J` of a material point, :math:`\dot z_j\times(p-p_j) + z_j\times(v-v_j)`, shape (3, n) [m/s]."""
+    v = velocity_of(frames[link], subtract(point, frames[link]["origin"]))
+    for j in range(frames.shape[0]):
+        column = (0.0, 0.0, 0.0)
+        if j <= link:
+            frame = frames[j]
+            # the joint's own rate does not turn its axis, so omega of either side serves
+            turned = cross(cross(frame["omega"], frame["axis"]), subtract(point, frame["origin"]))
+            column = add(turned, cross(frame["axis"], subtract(v, frame["velocity"])))
+        out[0, j], out[1, j], out[2, j] = column
+
+
+@jit
+def point_on(segment, s):
+    """Position, velocity, acceleration of the material point at fraction s of a capsule's axis."""
+    return (
+        along(segment["start"], segment["end"], s),
+        along(segment["start_velocity"], segment["end_velocity"], s),
+        along(segment["start_acceleration"], segment["end_acceleration"], s),
+    )

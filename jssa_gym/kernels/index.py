@@ -1,0 +1,412 @@
+r"""The safety index and its rows, Eq. (6), (9)-(13).
+
+:math:`\phi = d_{min}^2 - D|D| - \lambda_1 \dot D - \lambda_2 \ddot D` with the surface distance
+:math:`D = d - R`. The axis points give :math:`d`, so that :math:`\dot D = \dot d` and
+:math:`\ddot D = \ddot d` hold exactly; the signed square keeps a deep penetration unsafe.
+
+Exact row: :math:`S - L u` is the linearisation of :math:`\phi_{k+1}(u)` at a given jerk, with the arm propagated
+in joint space. From :math:`\partial \ddot p/\partial\dot q_j = 2\dot J_j`, :math:`\partial\dot p/\partial q_j
+= \dot J_j`, :math:`\partial\ddot p/\partial q_j = \ddot J_j`:
+
+.. math:: \frac{\partial \phi_{k+1}}{\partial u_j} = c_0 \cdot J_j + c_1 \cdot \dot J_j + c_2 \cdot \ddot J_j,
+   \quad c_0 = \tau g_a + \tfrac{\tau^2}{2} g_v + \tfrac{\tau^3}{6} g_p,\;
+   c_1 = \tau^2 g_a + \tfrac{\tau^3}{6} g_v,\; c_2 = \tfrac{\tau^3}{6} g_a
+
+where :math:`g_p, g_v, g_a` are the gradients of :math:`\phi` by position, velocity, acceleration.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jssa_gym.kernels.capsules import capsule_pair, measure_agents, nearest, plane_pair
+from jssa_gym.kernels.chain import (
+    acceleration_of,
+    drift_of,
+    forward,
+    place,
+    point_on,
+    velocity_of,
+)
+from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.motion import integrate
+from jssa_gym.kernels.vector import add, along, cross, dot, scale, subtract
+
+_TOUCHING = 1e-3
+"""Axis distance [m] below which 1/d is held: the axes cross, the bodies overlap by both radii."""
+
+_SURFACE_TOUCHING = 1e-3
+"""Surface distance [m] below which the printed row, which divides by it, uses the axis direction."""
+
+
+class Index(NamedTuple):
+    """Parameters of the index as the kernels see them (SI units)."""
+
+    d_min: float
+    lambda1: float
+    lambda2: float
+    sliding: bool
+    """Whether the curvature of the closest-point motion along the axes is taken off the distance's."""
+    sin2_floor: float
+    """Smallest sin² of the angle between two axes that the sliding term resolves."""
+    sliding_limit: float
+    """Largest sliding term [m/s²]."""
+
+
+class Gradient(NamedTuple):
+    """Gradients of the index at one pair; see the module's docstring."""
+
+    position: tuple[float, float, float]
+    velocity: tuple[float, float, float]
+    acceleration: tuple[float, float, float]
+    turn: tuple[float, float, float]
+    """By the rate of the axis' direction, as a moment: the joint's part is its dot product with the joint axis."""
+
+
+@jit
+def _direction(w, d, fallback):
+    """Unit vector from the agent to the robot; where the axes cross, the direction between midpoints, else up."""
+    if not (d < 1e-9):
+        return scale(w, 1.0 / d)
+    length = np.sqrt(dot(fallback, fallback))
+    if length > 1e-9:
+        return scale(fallback, 1.0 / length)
+    return (0.0, 0.0, 1.0)
+
+
+@jit
+def evaluate(segment, agent, s, r, distance, index):
+    r"""Index and its gradients at the closest points :math:`P(s)` on the robot and :math:`Q(r)` on the agent.
+
+    :math:`\ddot d = n\cdot a + |v_\perp|^2/d - b^\top H^{-1} b/d`, where the last term, the sliding of the closest
+    points along the axes, is there for each axis on which the closest point lies inside. Leaving it out always
+    over-states :math:`\ddot d`. Its sin² floor and its limit keep it finite where the axes are nearly parallel.
+
+    Returns:
+        :math:`\phi`, :math:`\dot d`, :math:`\ddot d` and the :class:`Gradient`.
+    """
+    p, v, a = point_on(segment, s)
+    w = subtract(p, along(agent["start"], agent["end"], r))
+    v = subtract(v, along(agent["start_velocity"], agent["end_velocity"], r))
+    d = distance + segment["radius"] + agent["radius"]
+    middle = subtract(
+        along(segment["start"], segment["end"], 0.5), along(agent["start"], agent["end"], 0.5)
+    )
+    n = _direction(w, d, middle)
+    d = max(d, _TOUCHING)
+    d_dot = dot(n, v)
+    v_side = subtract(v, scale(n, d_dot))
+    a_side = subtract(a, scale(n, dot(n, a)))
+    v_side2 = dot(v_side, v_side)
+    d_ddot = dot(n, a) + v_side2 / d
+
+    g_a = scale(n, -index.lambda2)
+    g_v = add(scale(n, -index.lambda1), scale(v_side, -2.0 * index.lambda2 / d))
+    curl = subtract(
+        scale(a_side, 1.0 / d),
+        add(scale(n, v_side2 / d**2), scale(v_side, 2.0 * d_dot / d**2)),
+    )
+    g_p = add(
+        scale(n, -2.0 * abs(distance)),
+        add(scale(v_side, -index.lambda1 / d), scale(curl, -index.lambda2)),
+    )
+    turn = (0.0, 0.0, 0.0)
+
+    inside_robot, inside_agent = 0.0 < s < 1.0, 0.0 < r < 1.0
+    if index.sliding and (inside_robot or inside_agent):
+        e = subtract(segment["end"], segment["start"])
+        e_dot = subtract(segment["end_velocity"], segment["start_velocity"])
+        f = subtract(agent["end"], agent["start"])
+        f_dot = subtract(agent["end_velocity"], agent["start_velocity"])
+        ee, ff, ef = dot(e, e), dot(f, f), dot(e, f)
+        b_robot = dot(v, e) + dot(w, e_dot)
+        b_agent = -(dot(v, f) + dot(w, f_dot))
+        if inside_robot and inside_agent:
+            det = max(ee * ff - ef * ef, index.sin2_floor * ee * ff)
+            beta_robot = (ff * b_robot + ef * b_agent) / det
+            beta_agent = (ef * b_robot + ee * b_agent) / det
+        elif inside_robot:
+            beta_robot, beta_agent = b_robot / ee, 0.0
+        else:
+            beta_robot, beta_agent = 0.0, b_agent / ff
+        sliding = (beta_robot * b_robot + beta_agent * b_agent) / d
+        if sliding < index.sliding_limit:
+            d_ddot -= sliding
+            k = 2.0 * index.lambda2 / d
+            g_v = add(g_v, subtract(scale(e, k * beta_robot), scale(f, k * beta_agent)))
+            turn = scale(cross(e, w), k * beta_robot)
+        elif not np.isnan(sliding):
+            d_ddot -= index.sliding_limit
+        else:
+            d_ddot = np.nan
+
+    phi = index.d_min**2 - distance * abs(distance) - index.lambda1 * d_dot - index.lambda2 * d_ddot
+    return phi, d_dot, d_ddot, Gradient(g_p, g_v, g_a, turn)
+
+
+@jit
+def evaluate_plane(segment, plane, s, distance, index):
+    """Index and gradients of one end of a robot capsule over a solid half-space: no curvature terms."""
+    _, v, a = point_on(segment, s)
+    n = (plane["normal"][0], plane["normal"][1], plane["normal"][2])
+    d_dot, d_ddot = dot(n, v), dot(n, a)
+    phi = index.d_min**2 - distance * abs(distance) - index.lambda1 * d_dot - index.lambda2 * d_ddot
+    gradient = Gradient(
+        scale(n, -2.0 * abs(distance)),
+        scale(n, -index.lambda1),
+        scale(n, -index.lambda2),
+        (0.0, 0.0, 0.0),
+    )
+    return phi, d_dot, d_ddot, gradient
+
+
+@jit
+def assess(links, capsules, state, jerk, agents, planes, tau, index, after, frames, segments, pairs):
+    r"""Index of every pair one step ahead, :math:`\phi_{k+1}(u)`: arm by Eq. (1), agents at constant velocity.
+
+    Args:
+        links, capsules: The robot, shape (n,) of ``LINK`` and (m,) of ``CAPSULE``.
+        state: Joint state, shape (3, n) [rad, rad/s, rad/s²].
+        jerk: Joint jerk :math:`u`, shape (n,) [rad/s³].
+        agents: Capsules at the present time, shape (k,) of ``AGENT``; moved to the step's end on return.
+        planes: Shape (p,) of ``PLANE``.
+        tau: Step [s].
+        index: Parameters.
+        after: Result, joint state one step later, shape (3, n).
+        frames, segments: Results, the robot one step later.
+        pairs: Result, shape (m, k + p) of ``PAIR``, agents first.
+
+    Returns:
+        The largest index [m²] (NaN if any is NaN), and row and column of its pair.
+    """
+    integrate(state, jerk, tau, after)
+    forward(links, after, frames)
+    place(frames, capsules, segments)
+    worst, row, column = -np.inf, -1, -1
+    count = agents.shape[0]
+    for i in range(segments.shape[0]):
+        robot = segments[i]
+        for j in range(count + planes.shape[0]):
+            pair = pairs[i, j]
+            if j < count:
+                agent = agents[j]
+                radii = robot["radius"] + agent["radius"]
+                distance, s, r = capsule_pair(
+                    robot["start"], robot["end"], agent["start"], agent["end"], radii
+                )
+                phi, _, _, _ = evaluate(robot, agent, s, r, distance, index)
+            elif robot["link"] == 0:
+                distance, s, r, phi = np.inf, 0.0, 0.0, -np.inf
+            else:
+                plane = planes[j - count]
+                distance, s = plane_pair(robot["start"], robot["end"], robot["radius"], plane)
+                r = 0.0
+                phi, _, _, _ = evaluate_plane(robot, plane, s, distance, index)
+            pair["distance"], pair["s"], pair["r"], pair["phi"] = distance, s, r, phi
+            if not (phi <= worst):
+                worst, row, column = phi, i, j
+                if np.isnan(phi):
+                    return worst, row, column
+    return worst, row, column
+
+
+@jit
+def advance(agents, tau):
+    """Move capsules by their velocities for one step, in place."""
+    for j in range(agents.shape[0]):
+        agent = agents[j]
+        for k in range(3):
+            agent["start"][k] += tau * agent["start_velocity"][k]
+            agent["end"][k] += tau * agent["end_velocity"][k]
+
+
+@jit
+def _exact_row(frames, segment, s, gradient, tau, row):
+    """Minus the derivative of the index one step ahead by the joint jerks, into ``row`` (n,)."""
+    p, v, a = point_on(segment, s)
+    g_p, g_v, g_a = gradient.position, gradient.velocity, gradient.acceleration
+    c0 = add(scale(g_a, tau), add(scale(g_v, tau**2 / 2.0), scale(g_p, tau**3 / 6.0)))
+    c1 = add(scale(g_a, tau**2), scale(g_v, tau**3 / 6.0))
+    c2 = scale(g_a, tau**3 / 6.0)
+    turn = scale(gradient.turn, tau**2 / 2.0)
+    for j in range(frames.shape[0]):
+        if j > segment["link"]:
+            row[j] = 0.0
+            continue
+        frame = frames[j]
+        z = frame["axis"]
+        # z turns with the link before; the joint's own rate about z changes neither of these
+        z_dot = cross(frame["omega"], z)
+        if j > 0:
+            before = frames[j - 1]
+            z_ddot = add(cross(before["alpha"], z), cross(before["omega"], z_dot))
+        else:
+            z_ddot = (0.0, 0.0, 0.0)
+        r = subtract(p, frame["origin"])
+        r_dot = subtract(v, frame["velocity"])
+        r_ddot = subtract(a, frame["acceleration"])
+        # c · (z × r) = z · (r × c), so that each product of axis and lever needs one cross product
+        on_z = add(cross(r, c0), add(cross(r_dot, c1), cross(r_ddot, c2)))
+        on_z_dot = add(cross(r, c1), scale(cross(r_dot, c2), 2.0))
+        slope = dot(z, on_z) + dot(z_dot, on_z_dot) + dot(z_ddot, cross(r, c2)) + dot(z, turn)
+        row[j] = -slope
+
+
+@jit
+def exact_rows(
+    frames, segments, agents, planes, pairs, jerk, lower, upper, tau, index, only, authority, L, S, owner
+):
+    r"""Rows :math:`L u \ge S` of the pairs that some jerk of the box could violate.
+
+    Exact pruning: a pair whose linearised index stays :math:`\le 0` on the whole box makes no row. Pairs whose
+    normal jerk authority :math:`\sum_j |L_j| (h_j - l_j)/2` is below ``authority`` make none either: no jerk
+    changes them noticeably, and as rows they would only make the problem infeasible.
+
+    Args:
+        frames, segments, agents, planes, pairs: From :func:`assess` at ``jerk``.
+        jerk: Where the index is linearised, shape (n,) [rad/s³].
+        lower, upper: Jerk bounds, shape (n,) [rad/s³].
+        tau: Step [s].
+        index: Parameters.
+        only: Column-major number ``i * columns + j`` of the only pair to look at, or -1 for all.
+        authority: Smallest authority [m²].
+        L: Result, shape (rows, n) [m²/(rad/s³)].
+        S: Result, shape (rows,) [m²].
+        owner: Result, the pair of each row, shape (rows,).
+
+    Returns:
+        The number of rows.
+    """
+    count, used = agents.shape[0], 0
+    columns = count + planes.shape[0]
+    for i in range(segments.shape[0]):
+        robot = segments[i]
+        for j in range(columns):
+            if only >= 0 and i * columns + j != only:
+                continue
+            if j >= count and robot["link"] == 0:
+                continue
+            pair = pairs[i, j]
+            if j < count:
+                phi, _, _, gradient = evaluate(
+                    robot, agents[j], pair["s"], pair["r"], pair["distance"], index
+                )
+            else:
+                plane = planes[j - count]
+                phi, _, _, gradient = evaluate_plane(robot, plane, pair["s"], pair["distance"], index)
+            row = L[used]
+            _exact_row(frames, robot, pair["s"], gradient, tau, row)
+            at_jerk, reach, span = 0.0, phi, 0.0
+            for k in range(row.shape[0]):
+                at_jerk += row[k] * jerk[k]
+                reach += max(-row[k] * (lower[k] - jerk[k]), -row[k] * (upper[k] - jerk[k]))
+                span += abs(row[k]) * (upper[k] - lower[k]) / 2.0
+            if reach <= 0.0 or span < authority:
+                continue
+            S[used] = phi + at_jerk
+            owner[used] = i * columns + j
+            used += 1
+    return used
+
+
+@jit
+def printed_row(frames, segment, agent, s, r, tau, index, row):
+    r"""The row of Eq. (13) to the letter, for the closest *surface* points of one pair.
+
+    :math:`\Delta = A^C M + B^C(\ddot J\dot\theta + 2\dot J\ddot\theta) - H_{k+1}` (Eq. 11), plain square, and
+    :math:`L = 2(\lambda_1\Delta^\top U_2 + \lambda_2\Delta^\top U_3 + \lambda_2\Delta^\top U_4) B^C J`, which is about
+    twice the true gradient because :math:`U_2` and :math:`U_4` are not symmetric. Within 1 mm of contact, where the
+    formula divides by zero, the direction between the axes is used.
+
+    Args:
+        frames, segment, agent: At the *present* time.
+        s, r: Fractions of the closest axis points.
+        tau: Step [s].
+        index: Parameters; the sliding term plays no part here.
+        row: Result :math:`L`, shape (n,) [m³/(rad/s³)].
+
+    Returns:
+        :math:`S` [m³], and the surface distance it was multiplied by [m].
+    """
+    axis_point = along(segment["start"], segment["end"], s)
+    agent_axis = along(agent["start"], agent["end"], r)
+    w = subtract(axis_point, agent_axis)
+    middle = subtract(
+        along(segment["start"], segment["end"], 0.5), along(agent["start"], agent["end"], 0.5)
+    )
+    n = _direction(w, np.sqrt(dot(w, w)), middle)
+    point = subtract(axis_point, scale(n, segment["radius"]))
+    agent_velocity = along(agent["start_velocity"], agent["end_velocity"], r)
+    agent_point = add(add(agent_axis, scale(n, agent["radius"])), scale(agent_velocity, tau))
+
+    frame = frames[segment["link"]]
+    lever = subtract(point, frame["origin"])
+    v0, a0 = velocity_of(frame, lever), acceleration_of(frame, lever)
+    j0 = drift_of(frame, lever)
+    p = add(point, add(scale(v0, tau), add(scale(a0, tau**2 / 2.0), scale(j0, tau**3 / 6.0))))
+    v = add(v0, add(scale(a0, tau), scale(j0, tau**2 / 2.0)))
+    a = add(a0, scale(j0, tau))
+    p, v = subtract(p, agent_point), subtract(v, agent_velocity)
+    d = np.sqrt(dot(p, p))
+    if d < _SURFACE_TOUCHING:
+        p, d = scale(n, _SURFACE_TOUCHING), _SURFACE_TOUCHING
+
+    u1, u2, u3, u4 = d * d, dot(p, v), dot(v, v), dot(p, a)
+    lambda1, lambda2 = index.lambda1, index.lambda2
+    S = index.d_min**2 * d - d**3 - lambda1 * u2 + lambda2 * (u2**2 / u1 - u3 - u4)
+    # (lambda1 D'U2 + lambda2 D'U3 + lambda2 D'U4) has p in the velocity slot twice and in the acceleration slot once
+    c = add(scale(p, tau * lambda2), scale(add(scale(p, lambda1), scale(v, lambda2)), tau**2 / 2.0))
+    for j in range(frames.shape[0]):
+        if j > segment["link"]:
+            row[j] = 0.0
+        else:
+            column = cross(frames[j]["axis"], subtract(point, frames[j]["origin"]))
+            row[j] = 2.0 * dot(c, column)
+    return S, d
+
+
+@jit
+def measure_present(links, capsules, state, agents, frames, segments, pairs):
+    """The robot and its distances to the agents at the present time: what :func:`printed_rows` reads.
+
+    Returns:
+        Row and column of the closest pair, and its distance [m] (NaN if any is NaN).
+    """
+    forward(links, state, frames)
+    place(frames, capsules, segments)
+    measure_agents(segments, agents, pairs)
+    return nearest(pairs, agents.shape[0])
+
+
+@jit
+def printed_rows(
+    frames, segments, agents, pairs, lower, upper, tau, index, only, authority, L, S, owner
+):
+    """Rows as printed, Eq. (13), divided by d so that they are in m² like the exact ones.
+
+    Arguments as of :func:`exact_rows`, at the present time (:func:`measure_present`). Nothing is pruned but the
+    pairs without authority.
+
+    Returns:
+        The number of rows.
+    """
+    used, columns = 0, agents.shape[0]
+    for i in range(segments.shape[0]):
+        for j in range(columns):
+            if only >= 0 and i * columns + j != only:
+                continue
+            row = L[used]
+            pair = pairs[i, j]
+            right, d = printed_row(
+                frames, segments[i], agents[j], pair["s"], pair["r"], tau, index, row
+            )
+            span = 0.0
+            for k in range(row.shape[0]):
+                row[k] /= d
+                span += abs(row[k]) * (upper[k] - lower[k]) / 2.0
+            if span < authority:
+                continue
+            S[used] = right / d
+            owner[used] = i * columns + j
+            used += 1
+    return used

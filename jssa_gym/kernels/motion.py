@@ -1,0 +1,66 @@
+"""Joint motion under piecewise-constant jerk."""
+
+import numpy as np
+
+from jssa_gym.kernels.jit import jit
+
+
+@jit
+def integrate(state, jerk, tau, out):
+    r"""One step of the triple integrator, Eq. (1), exact for jerk held over the step.
+
+    Args:
+        state: Rows position, velocity, acceleration, shape (3, n) [rad, rad/s, rad/s²].
+        jerk: Joint jerk :math:`u`, shape (n,) [rad/s³].
+        tau: Step :math:`\tau` [s].
+        out: The state one step later, shape (3, n); may be ``state`` itself.
+    """
+    for i in range(jerk.shape[0]):
+        q, v, a, u = state[0, i], state[1, i], state[2, i], jerk[i]
+        out[0, i] = q + tau * v + tau**2 / 2.0 * a + tau**3 / 6.0 * u
+        out[1, i] = v + tau * a + tau**2 / 2.0 * u
+        out[2, i] = a + tau * u
+
+
+@jit
+def brake(state, lower, upper, tau, out):
+    r"""Jerk that brings every joint to rest fast, inside the box.
+
+    Steers the next acceleration :math:`a'` so that a ramp of it to zero at the joint's jerk bound :math:`J`
+    ends with zero velocity on the time grid: with :math:`w = v + \tau a/2`,
+    :math:`|a'| = J(\sqrt{\tau^2 + 2|w|/J} - \tau)` against the motion. From rest it returns zero.
+
+    Args:
+        state: Rows position, velocity, acceleration, shape (3, n) [rad, rad/s, rad/s²].
+        lower: Lower jerk bound, shape (n,) [rad/s³].
+        upper: Upper jerk bound, shape (n,) [rad/s³].
+        tau: Step [s].
+        out: The braking jerk, shape (n,) [rad/s³].
+    """
+    for i in range(out.shape[0]):
+        a = state[2, i]
+        w = state[1, i] + tau * a / 2.0
+        bound = min(-lower[i], upper[i])
+        if bound > 0.0:
+            target = bound * (np.sqrt(tau**2 + 2.0 * abs(w) / bound) - tau)
+        else:
+            target = 0.0
+        target = -target if w > 0.0 else target
+        out[i] = min(max((target - a) / tau, lower[i]), upper[i])
+
+
+@jit
+def translate(start, end, x, y, vx, vy, out):
+    """A rigid body of capsules at (x, y) on the floor, moving at (vx, vy).
+
+    Args:
+        start, end: Capsule ends relative to the body's root, shape (m, 3) [m].
+        x, y: Root [m].
+        vx, vy: Velocity [m/s].
+        out: Result, shape (4, m, 3): start, end [m], their velocities [m/s].
+    """
+    for i in range(start.shape[0]):
+        out[0, i, 0], out[0, i, 1], out[0, i, 2] = start[i, 0] + x, start[i, 1] + y, start[i, 2]
+        out[1, i, 0], out[1, i, 1], out[1, i, 2] = end[i, 0] + x, end[i, 1] + y, end[i, 2]
+        out[2, i, 0], out[2, i, 1], out[2, i, 2] = vx, vy, 0.0
+        out[3, i, 0], out[3, i, 1], out[3, i, 2] = vx, vy, 0.0

@@ -1,0 +1,81 @@
+"""Memory layout of what the kernels read and write: one structured-array record per link, capsule or pair.
+
+Arrays of records cost one argument each, and their type does not depend on the number of joints, so that
+one compiled kernel serves every robot. All lengths in metres, angles in radians, times in seconds.
+"""
+
+import numpy as np
+
+_V = (np.float64, 3)
+
+LINK = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),  # of the joint frame in the previous link frame, at q = 0
+        ("offset", *_V),  # of the joint frame's origin in the previous link frame
+        ("axis", *_V),  # unit, in the joint frame
+    ],
+    align=True,
+)
+"""Constant geometry of one joint and the link behind it."""
+
+CAPSULE = np.dtype(
+    [("start", *_V), ("end", *_V), ("radius", np.float64), ("link", np.int64)], align=True
+)
+"""A capsule fixed to a link, in that link's frame."""
+
+AGENT = np.dtype(
+    [
+        ("start", *_V),
+        ("end", *_V),
+        ("start_velocity", *_V),
+        ("end_velocity", *_V),
+        ("radius", np.float64),
+    ],
+    align=True,
+)
+"""A moving capsule of the environment, in world coordinates."""
+
+PLANE = np.dtype([("normal", *_V), ("offset", np.float64)], align=True)
+"""A solid half-space ``normal · x <= offset``, unit normal pointing out of it."""
+
+FRAME = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),
+        ("origin", *_V),
+        ("axis", *_V),  # the joint's axis, in world coordinates
+        ("omega", *_V),
+        ("alpha", *_V),
+        ("psi", *_V),  # rate of alpha at zero joint jerk
+        ("velocity", *_V),  # of the origin, and so on
+        ("acceleration", *_V),
+        ("drift", *_V),  # jerk of the origin at zero joint jerk
+    ],
+    align=True,
+)
+"""Motion of one link frame in world coordinates."""
+
+SEGMENT = np.dtype(
+    [
+        ("start", *_V),
+        ("end", *_V),
+        ("start_velocity", *_V),
+        ("end_velocity", *_V),
+        ("start_acceleration", *_V),
+        ("end_acceleration", *_V),
+        ("radius", np.float64),
+        ("link", np.int64),
+    ],
+    align=True,
+)
+"""Motion of a robot capsule's axis in world coordinates."""
+
+PAIR = np.dtype(
+    [
+        ("distance", np.float64),  # signed surface distance [m]
+        ("s", np.float64),  # closest point on the robot's axis, 0 at start, 1 at end
+        ("r", np.float64),  # closest point on the agent's axis
+        ("phi", np.float64),  # safety index [m²]
+    ],
+    align=True,
+)
+"""A robot capsule against an agent."""

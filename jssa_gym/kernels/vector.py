@@ -1,0 +1,45 @@
+"""Three-vectors as plain scalars: no allocation, no BLAS call."""
+
+from jssa_gym.kernels.jit import jit
+
+
+@jit
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@jit
+def cross(a, b):
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+@jit
+def add(a, b):
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@jit
+def subtract(a, b):
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@jit
+def scale(a, k):
+    return (a[0] * k, a[1] * k, a[2] * k)
+
+
+@jit
+def along(a, b, k):
+    """a + k (b - a): the point at fraction k of the way from a to b."""
+    return (a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1]), a[2] + k * (b[2] - a[2]))
+
+
+@jit
+def put(target, a):
+    target[0] = a[0]
+    target[1] = a[1]
+    target[2] = a[2]

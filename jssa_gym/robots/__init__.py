@@ -1,0 +1,67 @@
+"""Robots: read from MJCF, limits with their sources."""
+
+import functools
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from jssa_gym.exceptions import ParameterError, RobotModelError
+from jssa_gym.robots.lr_mate_200id_7l import lr_mate_200id_7l
+from jssa_gym.robots.model import JointLimits, RobotModel
+from jssa_gym.types import Array
+
+ROBOTS: dict[str, Callable[[], RobotModel]] = {
+    "lr_mate_200id_7l": lr_mate_200id_7l,
+}
+"""Robots by name; add yours to use it in ``gym.make(..., robot=name)``."""
+
+__all__ = ["ROBOTS", "JointLimits", "RobotModel", "lr_mate_200id_7l", "make_robot"]
+
+
+@functools.lru_cache(maxsize=32)
+def _built(build: Callable[[], RobotModel]) -> RobotModel:
+    return build()
+
+
+def make_robot(robot: str | Path | RobotModel) -> RobotModel:
+    """A robot from its name in :data:`ROBOTS` or from an MJCF file; a model as it is.
+
+    The limits of ``arm.xml``, which MJCF has no place for, are read from ``arm.limits.toml`` beside it::
+
+        unit = "deg"          # or "rad"
+        velocity = [370, 310] # one number a joint
+        acceleration = [641, 576]
+        jerk = [3798, 3408]
+
+    Raises:
+        ParameterError: Neither a name nor a file.
+        RobotModelError: The file is not a serial arm, or its limits are missing or wrong.
+    """
+    if isinstance(robot, RobotModel):
+        return robot
+    if str(robot) in ROBOTS:
+        return _built(ROBOTS[str(robot)])
+    path = Path(robot)
+    if path.suffix != ".xml" and not path.is_file():
+        raise ParameterError(
+            f"unknown robot {str(robot)!r}; valid: a RobotModel, an MJCF file, or one of {', '.join(ROBOTS)}"
+        )
+    return RobotModel.from_mjcf(path, **_limits_beside(path))
+
+
+def _limits_beside(path: Path) -> dict[str, Array]:
+    beside = path.with_suffix(".limits.toml")
+    if not beside.is_file():
+        raise RobotModelError(f"no {beside.name} beside {path.name} with its velocity, acceleration, jerk limits")
+    try:
+        table = tomllib.loads(beside.read_text())
+    except tomllib.TOMLDecodeError as error:
+        raise RobotModelError(f"{beside.name} is not valid TOML: {error}") from error
+    names = ("velocity", "acceleration", "jerk")
+    missing = [name for name in names if name not in table]
+    if missing or table.get("unit") not in ("deg", "rad"):
+        raise RobotModelError(f"{beside.name} needs velocity, acceleration, jerk, and unit = 'deg' or 'rad'")
+    factor = np.pi / 180.0 if table["unit"] == "deg" else 1.0
+    return {name: factor * np.asarray(table[name], float) for name in names}

@@ -1,0 +1,319 @@
+"""A serial arm as the kernels need it, read from an MJCF file."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jssa_gym.exceptions import RobotModelError
+from jssa_gym.headless import choose_gl_backend
+from jssa_gym.kernels.records import CAPSULE, LINK
+from jssa_gym.types import Array
+
+if TYPE_CHECKING:
+    import mujoco
+
+COLLISION_GROUP = 3
+"""MJCF geom group that holds the capsules."""
+
+
+def _frozen(values: ArrayLike, dtype: np.dtype | type = np.float64) -> NDArray:
+    array = np.array(values, dtype=dtype)
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointLimits:
+    """Limits of every joint, symmetric but for the position.
+
+    Raises:
+        RobotModelError: Shapes differ, or a limit is not positive, not finite or an empty range.
+    """
+
+    position: Array
+    """Lower and upper, shape (n, 2) [rad]."""
+    velocity: Array
+    """Shape (n,) [rad/s]."""
+    acceleration: Array
+    """Shape (n,) [rad/s²]."""
+    jerk: Array
+    """Shape (n,) [rad/s³]."""
+
+    def __post_init__(self) -> None:
+        for name in ("position", "velocity", "acceleration", "jerk"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+        if self.position.ndim != 2 or self.position.shape[1] != 2:
+            raise RobotModelError(f"position limits have shape {self.position.shape}, expected (n, 2)")
+        if not np.all(self.position[:, 0] < self.position[:, 1]):
+            raise RobotModelError("every lower position limit has to be below the upper one")
+        for name in ("velocity", "acceleration", "jerk"):
+            limit = getattr(self, name)
+            if limit.shape != (len(self.position),):
+                raise RobotModelError(f"{name} limits have shape {limit.shape}, expected ({len(self.position)},)")
+            if not (np.all(limit > 0.0) and np.all(np.isfinite(limit))):
+                raise RobotModelError(f"{name} limits have to be positive and finite, got {limit}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotModel:
+    """Chain, capsules and limits of a serial arm of n hinge joints.
+
+    The MJCF file is where lengths and position ranges are written; this is what was read from it.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    links: NDArray
+    """Geometry of each joint, shape (n,) of :data:`~jssa_gym.kernels.records.LINK`; world frame at the front."""
+    capsules: NDArray
+    """Collision capsules in their link frames, shape (m,) of :data:`~jssa_gym.kernels.records.CAPSULE`."""
+    capsule_names: tuple[str, ...]
+    self_pairs: NDArray[np.int64]
+    """Capsule pairs that are checked for self-collision, shape (p, 2)."""
+    limits: JointLimits
+    home: Array
+    """Home position, shape (n,) [rad]."""
+    tool_link: int
+    tool_offset: Array
+    """Tool centre point in the frame of ``tool_link``, shape (3,) [m]."""
+    mjcf: Path
+    mount: Array = field(default_factory=lambda: _frozen(np.zeros(3)))
+    """Where the MJCF's world origin stands in the world, shape (3,) [m]."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.links)
+
+    def mounted(self, position: ArrayLike) -> Self:
+        """The same robot standing at another place in the world, shape (3,) [m]."""
+        mount = _frozen(position)
+        if mount.shape != (3,) or not np.all(np.isfinite(mount)):
+            raise RobotModelError(f"a mount is a finite point of shape (3,), got {position!r}")
+        links = self.links.copy()
+        links[0]["offset"] += mount - self.mount
+        return replace(self, links=_frozen(links, LINK), mount=mount)
+
+    def with_limits(self, limits: JointLimits) -> Self:
+        """The same robot under other limits."""
+        if limits.jerk.shape != (self.n,):
+            raise RobotModelError(f"{self.name} has {self.n} joints, the limits are for {len(limits.jerk)}")
+        return replace(self, limits=limits)
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        path: str | Path,
+        *,
+        velocity: ArrayLike,
+        acceleration: ArrayLike,
+        jerk: ArrayLike,
+        tool_site: str = "tcp",
+        home_key: str = "home",
+    ) -> Self:
+        """Read a serial arm of hinge joints from an MJCF file.
+
+        Joints, offsets and position ranges come from the file; capsules are its capsule and sphere geoms in group 3.
+        Two capsules are a self-collision pair if their links are neither equal nor neighbours and no
+        ``<contact><exclude/>`` names their bodies. MJCF has no velocity, acceleration or jerk limits.
+
+        Args:
+            path: The MJCF file.
+            velocity: Shape (n,) [rad/s].
+            acceleration: Shape (n,) [rad/s²].
+            jerk: Shape (n,) [rad/s³].
+            tool_site: Name of the site at the tool centre point; without it, the origin of the last link.
+            home_key: Name of the keyframe with the home position; without it, mid-range of every joint.
+
+        Raises:
+            RobotModelError: The file cannot be read, or holds what a serial arm of hinge joints with capsules
+                cannot be; the message names the joint or geom.
+        """
+        choose_gl_backend()
+        import mujoco
+
+        path = Path(path)
+        if not path.is_file():
+            raise RobotModelError(f"no MJCF file at {path}")
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:
+            raise RobotModelError(f"{path.name} does not compile: {error}") from error
+
+        joints = _serial_joints(model)
+        links, anchors = _links(model, joints)
+        limits = JointLimits(np.array([model.jnt_range[j] for j in joints]), velocity, acceleration, jerk)
+        link_of_body = _link_of_body(model, joints)
+        capsules, names, bodies = _capsules(model, link_of_body, anchors)
+        tool_link, tool_offset = _tool(model, tool_site, link_of_body, anchors)
+        home = np.array(limits.position.mean(axis=1))
+        for k in range(model.nkey):
+            if model.key(k).name == home_key:
+                home = model.key_qpos[k].copy()
+        return cls(
+            name=_model_name(model) or path.stem,
+            joint_names=tuple(model.joint(j).name or f"joint {j}" for j in joints),
+            links=_frozen(links, LINK),
+            capsules=_frozen(capsules, CAPSULE),
+            capsule_names=names,
+            self_pairs=_frozen(_self_pairs(model, capsules["link"], bodies), np.int64),
+            limits=limits,
+            home=_frozen(home),
+            tool_link=tool_link,
+            tool_offset=_frozen(tool_offset),
+            mjcf=path,
+        )
+
+
+def _model_name(model: "mujoco.MjModel") -> str:
+    return bytes(model.names).split(b"\0", 1)[0].decode()
+
+
+def _serial_joints(model: "mujoco.MjModel") -> list[int]:
+    """Joint ids from base to tip; refuses everything but one chain of limited hinges."""
+    import mujoco
+
+    if model.njnt == 0:
+        raise RobotModelError("the model has no joint; expected a serial arm of hinge joints")
+    for j in range(model.njnt):
+        joint = model.joint(j)
+        kind = mujoco.mjtJoint(model.jnt_type[j])
+        if kind != mujoco.mjtJoint.mjJNT_HINGE:
+            raise RobotModelError(
+                f"joint '{joint.name}' is of type {kind.name[6:].lower()}; only hinge joints can be modelled"
+            )
+        if not model.jnt_limited[j]:
+            raise RobotModelError(f"joint '{joint.name}' has no range; every joint needs position limits")
+    for j in range(1, model.njnt):
+        body, before = model.jnt_bodyid[j], model.jnt_bodyid[j - 1]
+        while body not in (before, 0):
+            body = model.body_parentid[body]
+        if body != before:
+            raise RobotModelError(
+                f"joint '{model.joint(j).name}' does not follow '{model.joint(j - 1).name}' in one chain; "
+                "only serial arms can be modelled"
+            )
+    if model.neq:
+        raise RobotModelError("the model has equality constraints; closed chains cannot be modelled")
+    return list(range(model.njnt))
+
+
+def _rotation(quaternion: Array) -> Array:
+    import mujoco
+
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
+
+
+def _pose(model: "mujoco.MjModel", body: int, ancestor: int) -> tuple[Array, Array]:
+    """Pose of a body in an ancestor body's frame, all joints in between at their reference."""
+    rotation, position = np.eye(3), np.zeros(3)
+    while body != ancestor:
+        step = _rotation(model.body_quat[body])
+        position = model.body_pos[body] + step @ position
+        rotation = step @ rotation
+        body = model.body_parentid[body]
+    return rotation, position
+
+
+def _links(model: "mujoco.MjModel", joints: list[int]) -> tuple[NDArray, list[Array]]:
+    """Chain records, and the joint anchors in their body frames: a link frame sits on its joint's anchor."""
+    import mujoco
+
+    links, anchors = np.zeros(len(joints), LINK), []
+    body, anchor = 0, np.zeros(3)
+    for i, j in enumerate(joints):
+        rotation, position = _pose(model, model.jnt_bodyid[j], body)
+        axis, reference = model.jnt_axis[j], model.qpos0[model.jnt_qposadr[j]]
+        quaternion = np.zeros(4)
+        mujoco.mju_axisAngle2Quat(quaternion, axis, -reference)
+        links[i]["rotation"] = rotation @ _rotation(quaternion)
+        links[i]["offset"] = position + rotation @ model.jnt_pos[j] - anchor
+        links[i]["axis"] = axis
+        body, anchor = model.jnt_bodyid[j], model.jnt_pos[j].copy()
+        anchors.append(anchor)
+    return links, anchors
+
+
+def _link_of_body(model: "mujoco.MjModel", joints: list[int]) -> dict[int, int]:
+    """Link that carries each body: of its own last joint, or of the nearest moving ancestor; -1 for the base."""
+    own = {int(model.jnt_bodyid[j]): i for i, j in enumerate(joints)}
+    carriers = {0: -1}
+    for body in range(1, model.nbody):
+        carriers[body] = own.get(body, carriers[int(model.body_parentid[body])])
+    return carriers
+
+
+def _carried_to(
+    model: "mujoco.MjModel", body: int, link: int, anchors: list[Array], point: Array
+) -> Array:
+    """A point of a body in the frame of the link that carries it."""
+    rotation, position = _pose(model, body, model.jnt_bodyid[link])
+    return position + rotation @ point - anchors[link]
+
+
+def _capsules(
+    model: "mujoco.MjModel", link_of_body: dict[int, int], anchors: list[Array]
+) -> tuple[NDArray, tuple[str, ...], list[int]]:
+    import mujoco
+
+    rows, names, bodies = [], [], []
+    for g in range(model.ngeom):
+        if model.geom_group[g] != COLLISION_GROUP:
+            continue
+        name = model.geom(g).name or f"geom {g}"
+        kind, body = mujoco.mjtGeom(model.geom_type[g]), int(model.geom_bodyid[g])
+        if kind not in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE):
+            raise RobotModelError(
+                f"geom '{name}' in group {COLLISION_GROUP} is a {kind.name[7:].lower()}; "
+                "collision geoms have to be capsules or spheres"
+            )
+        link = link_of_body[body]
+        if link < 0:
+            raise RobotModelError(
+                f"geom '{name}' in group {COLLISION_GROUP} does not move with any joint; "
+                "enclose the base in a capsule of the first link"
+            )
+        half = model.geom_size[g][1] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+        # MuJoCo's z axis of a geom given by "fromto" points back at its first end
+        along = _rotation(model.geom_quat[g]) @ np.array([0.0, 0.0, -half])
+        start = _carried_to(model, body, link, anchors, model.geom_pos[g] - along)
+        end = _carried_to(model, body, link, anchors, model.geom_pos[g] + along)
+        rows.append((start, end, model.geom_size[g][0], link))
+        names.append(name)
+        bodies.append(body)
+    if not rows:
+        raise RobotModelError(
+            f"the model has no capsule geoms in group {COLLISION_GROUP}; they are what distances are measured with"
+        )
+    return np.array(rows, CAPSULE), tuple(names), bodies
+
+
+def _tool(
+    model: "mujoco.MjModel", site: str, link_of_body: dict[int, int], anchors: list[Array]
+) -> tuple[int, Array]:
+    for s in range(model.nsite):
+        if model.site(s).name == site:
+            body = int(model.site_bodyid[s])
+            link = link_of_body[body]
+            if link < 0:
+                raise RobotModelError(f"site '{site}' does not move with any joint")
+            return link, _carried_to(model, body, link, anchors, model.site_pos[s])
+    return len(anchors) - 1, np.zeros(3)
+
+
+def _self_pairs(model: "mujoco.MjModel", link: NDArray, bodies: list[int]) -> NDArray[np.int64]:
+    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
+    pairs = [
+        (i, j)
+        for i in range(len(link))
+        for j in range(i + 1, len(link))
+        if abs(int(link[i]) - int(link[j])) > 1
+        and (bodies[i], bodies[j]) not in excluded
+        and (bodies[j], bodies[i]) not in excluded
+    ]
+    return np.array(pairs, np.int64).reshape(-1, 2)

@@ -1,0 +1,1 @@
+"""From a scene to rows and from rows to a jerk."""

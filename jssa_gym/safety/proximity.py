@@ -1,0 +1,102 @@
+"""Distances between a robot and what is around it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jssa_gym.kernels.capsules import measure_planes, measure_self
+from jssa_gym.kernels.contact import observe
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT
+from jssa_gym.robots import RobotModel
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.types import Array, CapsuleSet, JointState, Planes
+
+
+def agent_records(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
+    """Capsules as the kernels read them, shape (m,) of ``AGENT``; into ``out`` if it is given and fits."""
+    m = len(capsules.radius)
+    if out is None or len(out) != m:
+        out = np.zeros(m, AGENT)
+    out["start"] = capsules.start
+    out["end"] = capsules.end
+    out["start_velocity"] = capsules.start_velocity
+    out["end_velocity"] = capsules.end_velocity
+    out["radius"] = capsules.radius
+    return out
+
+
+def plane_records(planes: Planes) -> NDArray:
+    """Half-spaces as the kernels read them, shape (p,) of ``PLANE``."""
+    out = np.zeros(len(planes.offset), PLANE)
+    out["normal"] = planes.normal
+    out["offset"] = planes.offset
+    return out
+
+
+def state_rows(state: JointState) -> Array:
+    """Joint state as the kernels read it: position, velocity, acceleration, shape (3, n)."""
+    return np.array([state.position, state.velocity, state.acceleration], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proximity:
+    """Signed surface distances at one instant; negative in penetration."""
+
+    distance: Array
+    """Robot capsule against agent, shape (m, k) [m]."""
+    planes: Array
+    """Robot capsule against half-space, shape (m, p) [m]; inf for capsules of the first link."""
+    own: Array
+    """The robot's self-collision pairs, shape (len(robot.self_pairs),) [m]."""
+    pair: tuple[int, int]
+    """Robot capsule and agent that are closest; (-1, -1) without agents."""
+    rate: float
+    """Rate of the smallest distance [m/s]."""
+    curvature: float
+    """Second derivative of the smallest distance [m/s²], the agents at constant velocity."""
+    contact_speed: float
+    """Largest speed of a touching point of the robot, 0 without contact [m/s]."""
+
+    @property
+    def smallest(self) -> float:
+        """Smallest distance to an agent [m]; inf without agents."""
+        return float(self.distance.min()) if self.distance.size else np.inf
+
+
+def measure(robot: RobotModel, state: JointState, agents: CapsuleSet, planes: Planes) -> Proximity:
+    """Measure all pairs: robot against agents, half-spaces and itself.
+
+    Args:
+        robot: The arm, where it stands.
+        state: Joint state.
+        agents: Capsules, dynamic or static.
+        planes: Half-spaces.
+    """
+    records, half_spaces = agent_records(agents), plane_records(planes)
+    m = len(robot.capsules)
+    frames, segments = np.zeros(robot.n, FRAME), np.zeros(m, SEGMENT)
+    pairs, plane_pairs = np.zeros((m, len(records)), PAIR), np.zeros((m, len(half_spaces)), PAIR)
+    own, closest = np.zeros(len(robot.self_pairs)), np.zeros(4)
+    row, column = observe(
+        robot.links,
+        robot.capsules,
+        state_rows(state),
+        records,
+        IndexParams().kernel(),
+        frames,
+        segments,
+        pairs,
+        closest,
+    )
+    measure_planes(segments, half_spaces, plane_pairs)
+    measure_self(segments, robot.self_pairs, own)
+    return Proximity(
+        pairs["distance"].copy(),
+        plane_pairs["distance"].copy(),
+        own,
+        (int(row), int(column)),
+        float(closest[1]),
+        float(closest[2]),
+        float(closest[3]),
+    )

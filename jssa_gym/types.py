@@ -1,0 +1,165 @@
+"""Data that the layers exchange. SI units and radians; nothing here computes."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Status(IntEnum):
+    """What a decision did with the nominal jerk."""
+
+    NOMINAL = 0
+    """The policy's own values, forwarded untouched."""
+    PROJECTED = 1
+    """The nearest jerk that satisfies box and rows."""
+    RELAXED = 2
+    """Box and rows exclude each other: the least violation inside the box."""
+    FAILSAFE = 3
+    """A stored, verified stop goes on."""
+    FAULT = 4
+    """Something failed (action, measurement, solver): the arm brakes; the nominal is never applied."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointState:
+    """State of the triple integrator, Eq. (1)."""
+
+    position: Array
+    """Shape (n,) [rad]."""
+    velocity: Array
+    """Shape (n,) [rad/s]."""
+    acceleration: Array
+    """Shape (n,) [rad/s²]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CapsuleSet:
+    """Capsules with the velocities of their ends; a sphere has equal ends."""
+
+    start: Array
+    """Shape (m, 3) [m]."""
+    end: Array
+    """Shape (m, 3) [m]."""
+    start_velocity: Array
+    """Shape (m, 3) [m/s]."""
+    end_velocity: Array
+    """Shape (m, 3) [m/s]."""
+    radius: Array
+    """Shape (m,) [m]."""
+    names: tuple[str, ...]
+    """One name a capsule: a body part or a link."""
+    person: NDArray[np.int64]
+    """Shape (m,): whose body each capsule belongs to; 0 where nobody's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planes:
+    """Solid half-spaces ``normal · x <= offset``."""
+
+    normal: Array
+    """Unit, pointing out of the solid, shape (p, 3)."""
+    offset: Array
+    """Shape (p,) [m]."""
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What a perception system could know; the only thing a filter sees."""
+
+    time: float
+    """[s]."""
+    robot: JointState
+    """Commanded joint state."""
+    human: CapsuleSet
+    """The dynamic agents D: everybody's capsules, several people allowed."""
+    static: CapsuleSet
+    """The static agents O, as capsules."""
+    planes: Planes
+    """The static agents O, as half-spaces: table or floor."""
+    age: Array
+    """Age of each human capsule's measurement, shape (m,) [s]."""
+    valid: NDArray[np.bool_]
+    """Whether each human capsule was measured, shape (m,)."""
+
+
+class HalfSpaces(NamedTuple):
+    """Rows :math:`L u \\ge S` of a safety index."""
+
+    L: Array
+    """Shape (rows, n) [m²/(rad/s³)]."""
+    S: Array
+    """Shape (rows,) [m²]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decision:
+    """A filter's answer to one nominal jerk."""
+
+    jerk: Array
+    """What is to be applied, shape (n,) [rad/s³]."""
+    nominal: Array
+    """What was asked for, shape (n,) [rad/s³]; may be non-finite."""
+    status: Status
+    reason: str
+    """Why the jerk is not the nominal; empty for NOMINAL."""
+    phi: float
+    """Largest safety index predicted for the end of the step under ``jerk`` [m²]."""
+    distance: float
+    """Smallest robot-human surface distance predicted for the end of the step [m]; inf without a human."""
+    pair: tuple[int, int]
+    """Robot and human capsule of that distance; (-1, -1) without a human."""
+    slack: float
+    """Largest violation of the rows by ``jerk`` [m²]."""
+    rows: int
+    """Number of rows that reached the projector."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """One episode, a row a control step; row k holds the state after step k and the jerk that led to it."""
+
+    name: str
+    dt: float
+    """[s]."""
+    time: Array
+    """Shape (T,) [s]."""
+    position: Array
+    """Shape (T, n) [rad]."""
+    velocity: Array
+    """Shape (T, n) [rad/s]."""
+    acceleration: Array
+    """Shape (T, n) [rad/s²]."""
+    jerk: Array
+    """Applied, shape (T, n) [rad/s³]."""
+    nominal: Array
+    """Asked for by the policy, shape (T, n) [rad/s³]."""
+    distance: Array
+    """Smallest robot-human surface distance, shape (T,) [m]."""
+    speed: Array
+    """Its rate, shape (T,) [m/s]."""
+    acceleration_of_distance: Array
+    """Its second derivative, shape (T,) [m/s²]."""
+    pair: NDArray[np.int64]
+    """Closest robot and human capsule, shape (T, 2)."""
+    contact: NDArray[np.bool_]
+    """Shape (T,)."""
+    contact_speed: Array
+    """Speed of the robot's touching point, 0 without contact, shape (T,) [m/s]."""
+    status: NDArray[np.int64]
+    """Shape (T,); NOMINAL without a shield."""
+    intervened: NDArray[np.bool_]
+    """Shape (T,)."""
+    phi: Array
+    """Shape (T,) [m²]; NaN without a shield."""
+    shield_time: Array
+    """Wall-clock time of the shield's decision, shape (T,) [s]; NaN without a shield."""
+    human_start: Array
+    """Shape (T, m, 3) [m]."""
+    human_end: Array
+    """Shape (T, m, 3) [m]."""
