@@ -1,0 +1,104 @@
+"""A robot arm beside people: Gymnasium environments and safety shields that act on joint jerk.
+
+Importing the package registers its environments and loads nothing heavy; the public names below are loaded when they
+are first used.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+from gymnasium.envs.registration import WrapperSpec
+
+from jssa_gym.exceptions import JSSAGymError
+
+if TYPE_CHECKING:
+    from jssa_gym.envs.arm import ArmEnv
+    from jssa_gym.envs.repeat import ActionRepeat
+    from jssa_gym.humans import HUMANS, HumanMotion
+    from jssa_gym.policies import HoldPolicy, RandomPolicy
+    from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
+    from jssa_gym.safety.index import IndexParams
+    from jssa_gym.shields import FILTERS, JSSAShield, SafetyFilter, Shield, make_filter
+    from jssa_gym.types import CapsuleSet, Decision, JointState, Scene, Status
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "ActionRepeat": "jssa_gym.envs.repeat",
+    "ArmEnv": "jssa_gym.envs.arm",
+    "CapsuleSet": "jssa_gym.types",
+    "Decision": "jssa_gym.types",
+    "FILTERS": "jssa_gym.shields",
+    "HUMANS": "jssa_gym.humans",
+    "HoldPolicy": "jssa_gym.policies",
+    "HumanMotion": "jssa_gym.humans",
+    "IndexParams": "jssa_gym.safety.index",
+    "JSSAShield": "jssa_gym.shields",
+    "JointLimits": "jssa_gym.robots",
+    "JointState": "jssa_gym.types",
+    "ROBOTS": "jssa_gym.robots",
+    "RandomPolicy": "jssa_gym.policies",
+    "RobotModel": "jssa_gym.robots",
+    "SafetyFilter": "jssa_gym.shields",
+    "Scene": "jssa_gym.types",
+    "Shield": "jssa_gym.shields",
+    "Status": "jssa_gym.types",
+    "make_filter": "jssa_gym.shields",
+}
+
+__all__ = [
+    "FILTERS",
+    "HUMANS",
+    "ROBOTS",
+    "ActionRepeat",
+    "ArmEnv",
+    "CapsuleSet",
+    "Decision",
+    "HoldPolicy",
+    "HumanMotion",
+    "IndexParams",
+    "JSSAGymError",
+    "JSSAShield",
+    "JointLimits",
+    "JointState",
+    "RandomPolicy",
+    "RobotModel",
+    "SafetyFilter",
+    "Scene",
+    "Shield",
+    "Status",
+    "__version__",
+    "make_filter",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+HORIZON = 1000
+"""Steps of an episode: 8 s."""
+
+_ENV = "jssa_gym.envs.arm:ArmEnv"
+_SHIELD = WrapperSpec("JSSAShield", "jssa_gym.shields.shield:JSSAShield", {})
+
+for _name in ("Home", "Reach"):
+    _kwargs = {"task": _name.lower()}
+    if f"jssa_gym/{_name}-v0" not in gym.registry:
+        gym.register(f"jssa_gym/{_name}-v0", _ENV, max_episode_steps=HORIZON, kwargs=_kwargs)
+        gym.register(
+            f"jssa_gym/{_name}Shielded-v0",
+            _ENV,
+            max_episode_steps=HORIZON,
+            kwargs=_kwargs,
+            additional_wrappers=(_SHIELD,),
+        )

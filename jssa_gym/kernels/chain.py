@@ -161,3 +161,15 @@ def point_on(segment, s):
         along(segment["start_velocity"], segment["end_velocity"], s),
         along(segment["start_acceleration"], segment["end_acceleration"], s),
     )
+
+
+@jit
+def tool_motion(frames, link, local, out):
+    """Position and velocity of a point of a link, into ``out`` (2, 3) [m, m/s]; returns its speed [m/s]."""
+    frame = frames[link]
+    rotation = frame["rotation"]
+    r = (dot(rotation[0], local), dot(rotation[1], local), dot(rotation[2], local))
+    put(out[0], add(frame["origin"], r))
+    v = velocity_of(frame, r)
+    put(out[1], v)
+    return np.sqrt(dot(v, v))

@@ -6,7 +6,7 @@ from jssa_gym.kernels.capsules import measure_agents, nearest
 from jssa_gym.kernels.chain import forward, place, point_on, velocity_of
 from jssa_gym.kernels.index import evaluate
 from jssa_gym.kernels.jit import jit
-from jssa_gym.kernels.vector import add, along, dot, scale, subtract
+from jssa_gym.kernels.vector import add, along, dot, put, scale, subtract
 
 
 @jit
@@ -22,7 +22,7 @@ def touching_speed(frames, segment, agent, s, r):
 
 
 @jit
-def observe(links, capsules, state, agents, index, frames, segments, pairs, out):
+def observe(links, capsules, state, agents, index, frames, segments, pairs, out, parts):
     """The arm's motion, its closest pair with the agents and the contacts.
 
     Args:
@@ -31,8 +31,10 @@ def observe(links, capsules, state, agents, index, frames, segments, pairs, out)
         agents: Shape (k,) of ``AGENT``.
         index: Parameters; decide about the sliding term in the distance's second derivative.
         frames, segments, pairs: Results, shape (n,) of ``FRAME``, (m,) of ``SEGMENT``, (m, k) of ``PAIR``.
-        out: Result, shape (4,): distance [m], its rate [m/s], its second derivative [m/s²], largest speed of a
-            touching point of the robot [m/s].
+        out: Result, shape (13,): distance [m], its rate [m/s], its second derivative [m/s²], largest speed of a
+            touching point of the robot [m/s]; of the closest pair's axis points the agent's minus the robot's (3)
+            [m], the agent's (3) [m] and its velocity (3) [m/s].
+        parts: Result, shape (p,): smallest distance to the agents number j, j + p, j + 2 p, ... [m].
 
     Returns:
         Row and column of the closest pair; -1, -1 without agents.
@@ -41,12 +43,24 @@ def observe(links, capsules, state, agents, index, frames, segments, pairs, out)
     place(frames, capsules, segments)
     measure_agents(segments, agents, pairs)
     row, column, distance = nearest(pairs, agents.shape[0])
-    out[0], out[1], out[2], out[3] = distance, 0.0, 0.0, 0.0
-    if row >= 0:
-        pair = pairs[row, column]
-        _, out[1], out[2], _ = evaluate(
-            segments[row], agents[column], pair["s"], pair["r"], distance, index
-        )
+    out[:] = 0.0
+    out[0] = distance
+    parts[:] = np.inf
+    for i in range(segments.shape[0]):
+        for j in range(agents.shape[0]):
+            part = j % parts.shape[0]
+            parts[part] = min(parts[part], pairs[i, j]["distance"])
+    if row < 0:
+        out[4:10] = np.inf
+        return row, column
+    pair, agent = pairs[row, column], agents[column]
+    s, r = pair["s"], pair["r"]
+    _, out[1], out[2], _ = evaluate(segments[row], agent, s, r, distance, index)
+    on_robot, _, _ = point_on(segments[row], s)
+    on_agent = along(agent["start"], agent["end"], r)
+    put(out[4:7], subtract(on_agent, on_robot))
+    put(out[7:10], on_agent)
+    put(out[10:13], along(agent["start_velocity"], agent["end_velocity"], r))
     if not (distance > 0.0):
         for i in range(segments.shape[0]):
             for j in range(agents.shape[0]):

@@ -64,3 +64,33 @@ def translate(start, end, x, y, vx, vy, out):
         out[1, i, 0], out[1, i, 1], out[1, i, 2] = end[i, 0] + x, end[i, 1] + y, end[i, 2]
         out[2, i, 0], out[2, i, 1], out[2, i, 2] = vx, vy, 0.0
         out[3, i, 0], out[3, i, 1], out[3, i, 2] = vx, vy, 0.0
+
+
+@jit
+def violates(state, jerk, bounds, tolerance):
+    """Whether a joint exceeds a limit by more than ``tolerance``, a share of the limit (of the range for positions).
+
+    ``bounds`` has the rows lower and upper position, velocity, acceleration and jerk limits, shape (5, n). NaN does.
+    """
+    for i in range(jerk.shape[0]):
+        slack = tolerance * (bounds[1, i] - bounds[0, i])
+        if not (bounds[0, i] - slack <= state[0, i] <= bounds[1, i] + slack):
+            return True
+        more = 1.0 + tolerance
+        if not (abs(state[1, i]) <= bounds[2, i] * more and abs(state[2, i]) <= bounds[3, i] * more):
+            return True
+        if not (abs(jerk[i]) <= bounds[4, i] * more):
+            return True
+    return False
+
+
+@jit
+def scale_action(fraction, bound, jerk):
+    """Clip an action to [-1, 1] in place and scale it by the jerk bounds; False, and nothing done, if not finite."""
+    for i in range(fraction.shape[0]):
+        if not np.isfinite(fraction[i]):
+            return False
+    for i in range(fraction.shape[0]):
+        fraction[i] = min(max(fraction[i], -1.0), 1.0)
+        jerk[i] = fraction[i] * bound[i]
+    return True

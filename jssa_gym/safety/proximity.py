@@ -77,7 +77,7 @@ def measure(robot: RobotModel, state: JointState, agents: CapsuleSet, planes: Pl
     m = len(robot.capsules)
     frames, segments = np.zeros(robot.n, FRAME), np.zeros(m, SEGMENT)
     pairs, plane_pairs = np.zeros((m, len(records)), PAIR), np.zeros((m, len(half_spaces)), PAIR)
-    own, closest = np.zeros(len(robot.self_pairs)), np.zeros(4)
+    own, closest = np.zeros(len(robot.self_pairs)), np.zeros(13)
     row, column = observe(
         robot.links,
         robot.capsules,
@@ -88,6 +88,7 @@ def measure(robot: RobotModel, state: JointState, agents: CapsuleSet, planes: Pl
         segments,
         pairs,
         closest,
+        np.zeros(max(len(records), 1)),
     )
     measure_planes(segments, half_spaces, plane_pairs)
     measure_self(segments, robot.self_pairs, own)

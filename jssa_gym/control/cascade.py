@@ -1,0 +1,54 @@
+"""A jerk-level PD controller with bounded references."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import JointLimits
+from jssa_gym.types import Array, JointState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cascade:
+    r"""Position, velocity and acceleration loops, one inside the other, each reference clipped to its limit.
+
+    .. math:: v^* = \mathrm{clip}(k_p (q^* - q)),\quad a^* = \mathrm{clip}(k_v (v^* - v)),\quad
+              u = \mathrm{clip}(k_a (a^* - a))
+
+    The position reference is clipped to the position limits first. The clipped velocity reference falls towards the
+    target as a braking arm must, so that the arm arrives without overshoot for the default gains.
+
+    Raises:
+        ParameterError: A gain or the share of the limits is out of range.
+    """
+
+    limits: JointLimits
+    share: float = 0.5
+    """Share of the velocity and acceleration limits that the references may use, in (0, 1]."""
+    kp: float = 1.5
+    """[1/s]."""
+    kv: float = 6.0
+    """[1/s]."""
+    ka: float = 25.0
+    """[1/s]."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.share <= 1.0:
+            raise ParameterError(f"share has to be in (0, 1], got {self.share!r}")
+        if not all(np.isfinite(k) and k > 0.0 for k in (self.kp, self.kv, self.ka)):
+            raise ParameterError(f"gains have to be positive, got {(self.kp, self.kv, self.ka)}")
+
+    def jerk(self, state: JointState, target: Array) -> Array:
+        """Jerk towards a joint position, shape (n,) [rad/s³].
+
+        Args:
+            state: Joint state.
+            target: Shape (n,) [rad].
+        """
+        limits = self.limits
+        goal = np.clip(target, limits.position[:, 0], limits.position[:, 1])
+        fastest, hardest = self.share * limits.velocity, self.share * limits.acceleration
+        v = np.clip(self.kp * (goal - state.position), -fastest, fastest)
+        a = np.clip(self.kv * (v - state.velocity), -hardest, hardest)
+        return np.clip(self.ka * (a - state.acceleration), -limits.jerk, limits.jerk)

@@ -1,0 +1,465 @@
+"""The environment: an arm driven by joint jerk beside people."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from jssa_gym.envs.observation import FAR, Feature, Observation, feature_table
+from jssa_gym.envs.tasks import COMMON_TERMS, TASKS, Moment, Task, make_task
+from jssa_gym.envs.world import SCENES, World, planes_of
+from jssa_gym.exceptions import DisplayError, InvalidActionError, ParameterError
+from jssa_gym.headless import has_display
+from jssa_gym.humans import HumanMotion, make_human, nobody
+from jssa_gym.kernels.chain import tool_motion
+from jssa_gym.kernels.compiled import announce_compilation
+from jssa_gym.kernels.contact import observe
+from jssa_gym.kernels.motion import integrate, scale_action, violates
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT
+from jssa_gym.robots import RobotModel, lr_mate_200id_7l, make_robot
+from jssa_gym.safety.action import checked_action
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.proximity import agent_records
+from jssa_gym.types import Array, CapsuleSet, JointState, Scene
+
+DT = 0.008
+"""Control step: 125 Hz, the paper's."""
+
+MOVING = 1e-3
+"""Speed of the robot's touching point from which a contact counts as moving [m/s]."""
+
+_START_CLEARANCE = 0.1
+"""Smallest robot-human distance that an episode starts with [m]."""
+
+_LIMIT_TOLERANCE = 1e-9
+"""Share of a limit by which it may be exceeded before ``limit_violation`` says so: rounding."""
+
+_ENDINGS = ("success", "contact", "moving_contact", "limit_violation")
+_OPTIONS = ("joint_position", "goal", "human_start")
+
+
+class Closest(NamedTuple):
+    """Truth about the closest robot-human pair after a step."""
+
+    distance: float
+    """Signed surface distance [m]; inf without a human."""
+    rate: float
+    """[m/s]."""
+    curvature: float
+    """Second derivative [m/s²], the human at constant velocity."""
+    robot: int
+    """Robot capsule, -1 without a human."""
+    human: int
+    """Human capsule, -1 without a human."""
+    contact_speed: float
+    """Largest speed of a touching point of the robot [m/s]; 0 without contact."""
+
+
+def arm_features(robot: RobotModel, parts: int) -> tuple[Feature, ...]:
+    """What every task observes before its own features: the arm and the people."""
+    limits, n = robot.limits, robot.n
+    half = (limits.position[:, 1] - limits.position[:, 0]) / 2.0
+    return (
+        Feature("position", n, tuple(half.tolist()), -1.5, 1.5, "joint position from mid-range / half range"),
+        Feature("velocity", n, tuple(limits.velocity.tolist()), -2.0, 2.0, "joint velocity / limit"),
+        Feature("acceleration", n, tuple(limits.acceleration.tolist()), -2.0, 2.0, "joint acceleration / limit"),
+        Feature("tip", 3, (1.0,), -FAR, FAR, "tool centre point from the robot's base [m]"),
+        Feature("gap", 3, (1.0,), -FAR, FAR, "closest axis points: human's minus robot's [m]"),
+        Feature("human_point", 3, (1.0,), -FAR, FAR, "closest human axis point from the robot's base [m]"),
+        Feature("human_velocity", 3, (1.0,), -3.0, 3.0, "its velocity [m/s]"),
+        Feature("human_distance", parts, (1.0,), -0.5, FAR, "surface distance of each body part to the arm [m]"),
+    )
+
+
+class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    metadata: ClassVar[dict[str, Any]] = {  # ty: ignore[invalid-type-form]
+        "render_modes": ["rgb_array", "human"] if has_display() else ["rgb_array"],
+        "render_fps": round(1.0 / DT),
+    }
+
+    def __init__(
+        self,
+        task: str | Task = "home",
+        *,
+        human: str | HumanMotion | Sequence[str | HumanMotion] | None = None,
+        dynamics: Literal["kinematic", "servo"] = "kinematic",
+        scene: Literal["table", "floor"] = "table",
+        robot: str | Path | RobotModel = "lr_mate_200id_7l",
+        terminate_on: Sequence[str] = ("success", "moving_contact"),
+        d_min: float = 0.05,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        if dynamics not in ("kinematic", "servo"):
+            raise ParameterError(f"unknown dynamics {dynamics!r}; valid: kinematic, servo")
+        unknown = [ending for ending in terminate_on if ending not in _ENDINGS]
+        if isinstance(terminate_on, str) or unknown:
+            raise ParameterError(f"terminate_on={terminate_on!r}; valid: a tuple of {', '.join(_ENDINGS)}")
+        if render_mode not in (None, "rgb_array", "human"):
+            raise ParameterError(f"unknown render_mode {render_mode!r}; valid: rgb_array, human, None")
+        if render_mode == "human" and not has_display():
+            raise DisplayError("no display for a window; use render_mode='rgb_array'")
+        self.planes = planes_of(scene)
+        self.task = make_task(task)
+        self.robot = make_robot(robot).mounted([0.0, 0.0, SCENES[scene]])
+        self.human = make_human(self.task.human if human is None else human)
+        self.dt = DT
+        self.d_min = IndexParams(d_min=d_min).d_min
+        self.render_mode = render_mode
+        self.dynamics = dynamics
+        self.terminate_on = tuple(terminate_on)
+        self._scene_name, self._size = scene, (width, height)
+        self._world: World | None = None
+        self._servo_ratio = np.zeros(self.robot.n)
+        if dynamics == "servo":
+            self._servo_ratio = self.world.servo_gains()
+
+        n, limits = self.robot.n, self.robot.limits
+        self._jerk_bound = np.array(limits.jerk)
+        self._bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+        self._middle = limits.position.mean(axis=1)
+        self._mount = np.array(self.robot.mount)
+        self._index = IndexParams(d_min=d_min).kernel()
+        self._frames, self._segments = np.zeros(n, FRAME), np.zeros(len(self.robot.capsules), SEGMENT)
+        self._agents, self._pairs = np.zeros(0, AGENT), np.zeros((len(self.robot.capsules), 0), PAIR)
+        self._near, self._tip = np.zeros(13), np.zeros((2, 3))
+        parts = len(self._rehearsal(self.human).radius) // max(self.human.people, 1)
+        self._parts = np.zeros(max(parts, 1))
+        self._static = nobody()
+        self._observation = Observation(
+            (*arm_features(self.robot, max(parts, 1)), *self.task.features(self.robot))
+        )
+        self.observation_space = self._observation.space
+        self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
+        self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
+        self._hold_steps = self.task.hold_time / self.dt - 1e-9
+        self._begin(np.array(self.robot.home), np.zeros(0), nobody())
+        announce_compilation()
+
+    @staticmethod
+    def _rehearsal(human: HumanMotion) -> CapsuleSet:
+        """The people as they would begin some episode: tells how many capsules there are."""
+        return human.reset(np.random.default_rng(0))
+
+    @property
+    def world(self) -> World:
+        """The MuJoCo model behind pictures and servo; built when it is first needed."""
+        if self._world is None:
+            width, height = self._size
+            self._world = World(self.robot, self._scene_name, width=width, height=height)
+        return self._world
+
+    @property
+    def scene(self) -> Scene:
+        """The present, as a perception system could know it; what shields read."""
+        if self._scene is None:
+            state = self._state
+            self._scene = Scene(
+                self._time,
+                JointState(state[0], state[1], state[2]),
+                self._people,
+                self._static,
+                self.planes,
+                self._age,
+                self._valid,
+            )
+        return self._scene
+
+    @property
+    def closest(self) -> Closest:
+        """Truth about the closest robot-human pair, of the simulated arm."""
+        near = self._near
+        return Closest(
+            float(near[0]), float(near[1]), float(near[2]), self._closest[0], self._closest[1], float(near[3])
+        )
+
+    @property
+    def goal(self) -> Array:
+        """The task's goal; a copy."""
+        return self._goal.copy()
+
+    @property
+    def robot_capsules(self) -> CapsuleSet:
+        """The arm's capsules in the world, with velocities; what reacting people see."""
+        segments = self._segments
+        return CapsuleSet(
+            segments["start"].copy(),
+            segments["end"].copy(),
+            segments["start_velocity"].copy(),
+            segments["end_velocity"].copy(),
+            segments["radius"].copy(),
+            self.robot.capsule_names,
+            np.zeros(len(segments), np.int64),
+        )
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode: the arm at rest at home, a goal and people drawn from the seed.
+
+        Args:
+            seed: Seed of all randomness; the same seed gives the same episode, bit for bit.
+            options: ``joint_position`` (n,) [rad], ``goal`` (see the task) and ``human_start`` (2,), the first
+                person's root [m], replace what would be drawn.
+
+        Raises:
+            ParameterError: An option is unknown or out of range.
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        unknown = [key for key in options if key not in _OPTIONS]
+        if unknown:
+            raise ParameterError(f"unknown reset options {unknown}; valid: {', '.join(_OPTIONS)}")
+        position = self._checked_position(options.get("joint_position"))
+        start = options.get("human_start")
+        if start is not None:
+            start = np.array(start, dtype=np.float64)
+            if start.shape != (2,) or not np.all(np.isfinite(start)):
+                raise ParameterError(f"human_start has to be a point (x, y) on the floor, got {options['human_start']!r}")
+        if options.get("goal") is not None:
+            goal = self.task.check_goal(options["goal"], self.robot)
+        else:
+            goal = self.task.draw_goal(self.np_random, self.robot, self.planes)
+        for _ in range(100):
+            self._begin(position, goal, self.human.reset(self.np_random, start))
+            self._look()
+            # nobody begins within reach of contact, unless the user puts them there
+            if self._near[0] >= _START_CLEARANCE or start is not None:
+                break
+        if self.dynamics == "servo":
+            self.world.servo_reset(position)
+        info = self._info(np.zeros(self.robot.n), False)
+        if self.render_mode == "human":
+            self.render()
+        return self._observed(), info
+
+    def _checked_position(self, position: Any) -> Array:
+        if position is None:
+            return np.array(self.robot.home)
+        array = np.array(position, dtype=np.float64)
+        low, high = self.robot.limits.position.T
+        if array.shape != (self.robot.n,) or not np.all((low <= array) & (array <= high)):
+            raise ParameterError(
+                f"joint_position has to have shape ({self.robot.n},) [rad] and lie inside the position limits, "
+                f"got {position!r}"
+            )
+        return array
+
+    def _begin(self, position: Array, goal: Array, people: CapsuleSet) -> None:
+        n = self.robot.n
+        self._state = np.array([position, np.zeros(n), np.zeros(n)])
+        self._actual = self._state
+        self._goal, self._people = goal, people
+        self._time, self._steps, self._held = 0.0, 0, 0
+        self._scene = None
+        m = len(people.radius)
+        self._age, self._valid = np.zeros(m), np.ones(m, np.bool_)
+        self._closest = (-1, -1)
+        self._tip_speed = 0.0
+
+    def _look(self) -> None:
+        """Measure the arm against the people: closest pair, contacts, tool centre point."""
+        robot, people = self.robot, self._people
+        self._agents = agent_records(people, self._agents)
+        if self._pairs.shape[1] != len(self._agents):
+            self._pairs = np.zeros((len(self._segments), len(self._agents)), PAIR)
+        row, column = observe(
+            robot.links,
+            robot.capsules,
+            self._actual,
+            self._agents,
+            self._index,
+            self._frames,
+            self._segments,
+            self._pairs,
+            self._near,
+            self._parts,
+        )
+        self._closest = (row, column)
+        self._tip_speed = tool_motion(self._frames, robot.tool_link, robot.tool_offset, self._tip)
+
+    def step(
+        self, action: Any
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Apply a joint jerk for one control step.
+
+        Args:
+            action: Jerk in jerk bounds, shape (n,); finite values outside [-1, 1] are clipped.
+
+        Raises:
+            InvalidActionError: Wrong shape or type, or not finite (a shield answers that instead of raising).
+        """
+        fraction = checked_action(action, self.robot.n)
+        jerk = np.empty(self.robot.n)
+        if not scale_action(fraction, self._jerk_bound, jerk):
+            raise InvalidActionError(f"an action has to be finite, got {action!r}")
+        before, after = self._state, np.empty_like(self._state)
+        integrate(before, jerk, self.dt, after)
+        people = self.human.step(self.dt, self.robot_capsules if self.human.reacts else self._static)
+        self._state, self._people, self._scene = after, people, None
+        self._actual = after
+        if self.dynamics == "servo":
+            self._actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
+        self._steps += 1
+        self._time = self._steps * self.dt
+        if len(people.radius) != len(self._valid):
+            self._age, self._valid = np.zeros(len(people.radius)), np.ones(len(people.radius), np.bool_)
+        self._look()
+
+        near = self._near
+        moving = near[3] > MOVING
+        moment = Moment(
+            self._actual[0], self._actual[1], self._tip[0], self._tip_speed, fraction, near[0], moving
+        )
+        self._held = self._held + 1 if self.task.reached(self._goal, moment) else 0
+        success = self._held >= self._hold_steps
+        info = self._info(jerk, success)
+        reward = self._reward(moment, success, info)
+        terminated = False
+        for ending in self.terminate_on:
+            if ending == "success":
+                terminated = terminated or success
+            elif ending == "moving_contact":
+                terminated = terminated or bool(moving)
+            else:
+                terminated = terminated or info[ending]
+        if self.render_mode == "human":
+            self.render()
+        return self._observed(), reward, terminated, False, info
+
+    def _reward(self, moment: Moment, success: bool, info: dict[str, Any]) -> float:
+        values = [self.task.value(self._goal, moment)]
+        if len(self.task.terms) > 1:
+            values.append(float(success))
+        action = moment.action
+        values.append(float(action.dot(action)) / len(action))
+        values.append(info["cost"])
+        values.append(float(moment.moving_contact))
+        total = 0.0
+        for (key, weight), value in zip(self._terms, values, strict=True):
+            info[key] = term = weight * value
+            total += term
+        return total
+
+    def _info(self, jerk: Array, success: bool) -> dict[str, Any]:
+        near = self._near
+        distance = float(near[0])
+        info = {
+            "distance": distance,
+            "contact": distance <= 0.0,
+            "contact_speed": float(near[3]),
+            "cost": 1.0 if distance < self.d_min else 0.0,
+            "jerk": jerk,
+            "limit_violation": violates(self._state, jerk, self._bounds, _LIMIT_TOLERANCE),
+            "success": success,
+        }
+        if self.dynamics == "servo":
+            info["tracking_error"] = self._actual[0] - self._state[0]
+        return info
+
+    def _observed(self) -> NDArray[np.float32]:
+        position, velocity, acceleration = self._actual if self.dynamics == "kinematic" else self._state
+        near, tip = self._near, self._tip[0]
+        moment = Moment(position, velocity, tip, self._tip_speed, velocity, near[0], False)
+        return self._observation.assemble(
+            (
+                position - self._middle,
+                velocity,
+                acceleration,
+                tip - self._mount,
+                near[4:7],
+                near[7:10] - self._mount,
+                near[10:13],
+                self._parts,
+                self.task.observe(self._goal, moment),
+            )
+        )
+
+    def render(self) -> Any:
+        """A picture of shape (height, width, 3) for ``rgb_array``; draws the window for ``human``."""
+        if self.render_mode is None:
+            gym.logger.warn("render() does nothing without a render_mode; pass render_mode='rgb_array'")
+            return None
+        goal = self._goal if self._goal.shape == (3,) else None
+        near = self._near
+        pair = (near[7:10] - near[4:7], near[7:10]) if self._closest[0] >= 0 else None
+        draw = self.world.show if self.render_mode == "human" else self.world.picture
+        return draw(self._actual[0], self._people, pair=pair, goal=goal)
+
+    def close(self) -> None:
+        """Free renderer and window; the environment can still be stepped."""
+        if self._world is not None:
+            self._world.close()
+
+
+def _describe() -> str:
+    """The class docstring, from the tables that the code runs on."""
+    robot = lr_mate_200id_7l()
+    parts = 6
+    indent = "\n    ".join
+    common = arm_features(robot, parts)
+    blocks = []
+    for task in (cls() for cls in TASKS.values()):
+        features = feature_table((*common, *task.features(robot))).splitlines()[-1]
+        terms = "\n".join(f"{t.weight:+7.2f} · {t.name:<10} {t.text}" for t in (*task.terms, *COMMON_TERMS))
+        blocks.append(
+            f"**{task.name}** (default human: ``{task.human}``). {task.text}\n\n::\n\n"
+            + "\n".join("    " + line for line in (features, *terms.splitlines()))
+        )
+    text = f"""An arm driven by joint jerk beside moving people, 125 Hz.
+
+The joint state follows the paper's Eq. (1) exactly, jerk held over each step of 0.008 s. With
+``dynamics="servo"`` MuJoCo simulates the arm's inertias under 1 kHz position servos that track that command;
+distances, contacts and success are then those of the simulated arm, and ``info["tracking_error"]`` (n,) [rad] is its
+position minus the command's. Limits are reported, not enforced: that is a shield's work.
+
+**Action**: joint jerk as a share of the jerk bounds, ``Box(-1, 1, (n,), float32)``; float64 is taken as it is.
+
+**Observation**, float32, values clipped to the bounds (index, name, bounds, meaning; for the six joints and one
+kind of body)::
+
+{chr(10).join("    " + line for line in feature_table(common).splitlines())}
+
+then the task's goal. Without a human the human's entries are at their upper bounds, the velocity 0.
+
+**Tasks**, with the goal's observation and the reward's terms:
+
+{chr(10).join(blocks)}
+
+**Termination**: what ``terminate_on`` names: ``success``, ``contact``, ``moving_contact`` (the robot's touching
+point faster than 1e-3 m/s) or ``limit_violation``; the default is success and moving contact. A contact with the arm
+at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s), by ``TimeLimit``.
+
+**Start**: at rest at home, nobody closer than 0.1 m. ``reset(options={{...}})`` takes ``joint_position``, ``goal`` and
+``human_start``.
+
+**info** after reset and step: ``distance`` [m] (smallest robot-human surface distance, inf without a human),
+``contact`` (bool), ``contact_speed`` [m/s] (of the robot's touching point, 0.0 without contact), ``cost`` (1.0 when
+the distance is below ``d_min``), ``jerk`` (n,) [rad/s³] applied, ``limit_violation`` (bool), ``success`` (bool); after
+step also ``reward/<term>``.
+
+Args:
+    task: ``"home"``, ``"reach"`` or a :class:`~jssa_gym.envs.tasks.Task`.
+    human: A name in :data:`jssa_gym.humans.HUMANS`, a motion, or several of them; None for the task's default.
+    dynamics: ``"kinematic"`` or ``"servo"``.
+    scene: ``"table"`` (the base stands at 0.87 m, the arm must stay above) or ``"floor"``.
+    robot: A name in :data:`jssa_gym.robots.ROBOTS`, a model, or an MJCF file with its limits beside it.
+    terminate_on: What ends an episode.
+    d_min: Distance below which ``cost`` is 1 [m].
+    render_mode: ``"rgb_array"``, ``"human"`` (a window; listed where there is a display) or None.
+    width, height: Size of pictures [pixels].
+
+Raises:
+    ParameterError: An argument is unknown or out of range.
+    RobotModelError: The robot's file cannot be modelled.
+    DisplayError: ``render_mode="human"`` without a display.
+"""
+    return indent(text.splitlines())
+
+
+ArmEnv.__doc__ = _describe()

@@ -1,0 +1,54 @@
+"""A policy that acts more slowly than the arm is controlled."""
+
+from typing import Any
+
+import gymnasium as gym
+
+from jssa_gym.exceptions import ParameterError
+
+_ANY = ("contact", "limit_violation", "success", "shield/intervened")
+_LARGEST = ("contact_speed", "shield/status", "shield/phi", "shield/correction", "shield/slack")
+
+
+class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
+    """Repeats an action for some ticks: policy at 25 Hz, shield and arm at 125 Hz.
+
+    It goes *outside* the shield, which then still decides in every tick. Rewards are summed, and ``info`` tells about
+    all ticks, not the last one only: ``distance`` is the smallest, ``cost`` the sum, ``contact``, ``limit_violation``,
+    ``success`` and ``shield/intervened`` whether any tick had it, ``contact_speed`` and the shield's status, index,
+    correction and slack the largest. Other keys are the last tick's. An episode's end in between ends the repetition.
+
+    Args:
+        env: The environment.
+        ticks: How often an action is applied, at least 1.
+
+    Raises:
+        ParameterError: ``ticks`` is not a positive integer.
+    """
+
+    def __init__(self, env: gym.Env, ticks: int) -> None:
+        if not isinstance(ticks, int) or ticks < 1:
+            raise ParameterError(f"ticks has to be a positive integer, got {ticks!r}")
+        gym.utils.RecordConstructorArgs.__init__(self, ticks=ticks)
+        gym.Wrapper.__init__(self, env)
+        self.ticks = ticks
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Apply one action for ``ticks`` control steps."""
+        total, seen = 0.0, []
+        for _ in range(self.ticks):
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            total += float(reward)
+            seen.append(info)
+            if terminated or truncated:
+                break
+        merged = dict(info)
+        merged["distance"] = min(i["distance"] for i in seen)
+        merged["cost"] = sum(i["cost"] for i in seen)
+        for key in _ANY:
+            if key in info:
+                merged[key] = any(i[key] for i in seen)
+        for key in _LARGEST:
+            if key in info:
+                merged[key] = max(i[key] for i in seen)
+        return observation, total, terminated, truncated, merged

@@ -1,0 +1,55 @@
+"""People beside the arm: bodies of capsules, and how they move."""
+
+from collections.abc import Callable, Sequence
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans.body import Body, nobody, together
+from jssa_gym.humans.motions import (
+    CLEARANCE,
+    ApproachRetreat,
+    ConstantVelocity,
+    Crowd,
+    HumanMotion,
+    Nobody,
+    RandomWalk,
+    Walk,
+)
+
+HUMANS: dict[str, Callable[[], HumanMotion]] = {
+    "none": Nobody,
+    "constant_velocity": ConstantVelocity,
+    "approach_retreat": ApproachRetreat,
+    "random": RandomWalk,
+}
+"""Motions by name."""
+
+__all__ = [
+    "CLEARANCE",
+    "HUMANS",
+    "ApproachRetreat",
+    "Body",
+    "ConstantVelocity",
+    "Crowd",
+    "HumanMotion",
+    "Nobody",
+    "RandomWalk",
+    "Walk",
+    "make_human",
+    "nobody",
+    "together",
+]
+
+
+def make_human(human: str | HumanMotion | Sequence[str | HumanMotion]) -> HumanMotion:
+    """A motion from its name in :data:`HUMANS`; a sequence of names or motions makes a crowd.
+
+    Raises:
+        ParameterError: Unknown name.
+    """
+    if isinstance(human, HumanMotion):
+        return human
+    if isinstance(human, str):
+        if human not in HUMANS:
+            raise ParameterError(f"unknown human {human!r}; valid: {', '.join(HUMANS)}, or a HumanMotion")
+        return HUMANS[human]()
+    return Crowd([make_human(one) for one in human])

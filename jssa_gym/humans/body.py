@@ -1,0 +1,74 @@
+"""The paper's human: six capsules."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jssa_gym.kernels.motion import translate
+from jssa_gym.types import Array, CapsuleSet
+
+PARTS: tuple[tuple[str, tuple[float, float, float], tuple[float, float, float], float], ...] = (
+    ("head", (0.0, 0.0, 1.5), (0.0, 0.0, 1.5), 0.20),
+    ("core_body", (0.0, 0.0, 0.9), (0.0, 0.0, 1.25), 0.25),
+    ("right_arm", (0.0, 0.2, 1.3), (0.0, 0.5, 0.8), 0.10),
+    ("left_arm", (0.0, -0.2, 1.3), (0.0, -0.5, 0.8), 0.10),
+    ("right_leg", (0.0, 0.15, 0.8), (0.0, 0.4, 0.1), 0.10),
+    ("left_leg", (0.0, -0.15, 0.8), (0.0, -0.4, 0.1), 0.10),
+)
+"""Name, start, end, radius of each part in metres, from the paper's simulation; root on the floor, facing -x."""
+
+NAMES = tuple(name for name, _, _, _ in PARTS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """One person's capsules around a root on the floor."""
+
+    start: Array
+    """Relative to the root, shape (6, 3) [m]."""
+    end: Array
+    """Shape (6, 3) [m]."""
+    radius: Array
+    """Shape (6,) [m]."""
+    person: NDArray[np.int64]
+    """Person id of every capsule, shape (6,)."""
+
+    @classmethod
+    def facing(cls, heading: float = np.pi, person: int = 0) -> "Body":
+        """A body that looks along ``heading`` [rad], counted from +x towards +y; the paper's looks along -x."""
+        c, s = np.cos(heading - np.pi), np.sin(heading - np.pi)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return cls(
+            np.array([start for _, start, _, _ in PARTS]) @ turn.T,
+            np.array([end for _, _, end, _ in PARTS]) @ turn.T,
+            np.array([radius for _, _, _, radius in PARTS]),
+            np.full(len(PARTS), person, np.int64),
+        )
+
+    def at(self, root: Array, velocity: Array) -> CapsuleSet:
+        """The body at ``root`` (2,) [m], moving as a whole at ``velocity`` (2,) [m/s]."""
+        out = np.empty((4, len(self.radius), 3))
+        translate(self.start, self.end, root[0], root[1], velocity[0], velocity[1], out)
+        return CapsuleSet(out[0], out[1], out[2], out[3], self.radius, NAMES, self.person)
+
+
+def nobody() -> CapsuleSet:
+    """No capsule at all."""
+    empty = np.zeros((0, 3))
+    return CapsuleSet(empty, empty, empty, empty, np.zeros(0), (), np.zeros(0, np.int64))
+
+
+def together(people: list[CapsuleSet]) -> CapsuleSet:
+    """Several people's capsules in one set."""
+    if not people:
+        return nobody()
+    return CapsuleSet(
+        np.concatenate([p.start for p in people]),
+        np.concatenate([p.end for p in people]),
+        np.concatenate([p.start_velocity for p in people]),
+        np.concatenate([p.end_velocity for p in people]),
+        np.concatenate([p.radius for p in people]),
+        tuple(name for p in people for name in p.names),
+        np.concatenate([p.person for p in people]),
+    )

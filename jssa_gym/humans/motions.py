@@ -1,0 +1,274 @@
+"""How people move beside the arm.
+
+A motion owns its state and draws only from the generator it is given: same seed, same bits. The velocities in a
+returned :class:`~jssa_gym.types.CapsuleSet` are those of the step to come, so that start + velocity · dt is exactly
+where the capsule will be. Motions that react get the robot's capsules in every step.
+
+People keep their root at least :data:`CLEARANCE` from the robot's base axis (the world's z axis).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans.body import Body, nobody, together
+from jssa_gym.types import Array, CapsuleSet
+
+CLEARANCE = 0.6
+"""Smallest distance of a person's root from the base axis [m]."""
+
+
+class HumanMotion(ABC):
+    """The people in a scene, one step after the other."""
+
+    people: int = 1
+    """How many."""
+    speed_bound: float
+    """No point of a body moves faster [m/s]."""
+    reacts: bool = True
+    """Whether :meth:`step` looks at the robot; if not, it is spared the work and given an empty set."""
+
+    @abstractmethod
+    def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
+        """Begin an episode.
+
+        Args:
+            rng: The only source of randomness.
+            start: Root to begin at, shape (2,) [m]; None lets the motion draw it.
+            person: Id of the (first) person.
+        """
+
+    @abstractmethod
+    def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
+        """Move on by ``dt`` [s]; ``robot`` is the arm at the beginning of the step."""
+
+
+class Nobody(HumanMotion):
+    """Nobody is there."""
+
+    people = 0
+    speed_bound = 0.0
+    reacts = False
+
+    def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
+        return nobody()
+
+    def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
+        return nobody()
+
+
+class Walk(HumanMotion):
+    """A rigid body that walks at piecewise-constant velocity; subclasses say where to and how fast."""
+
+    reacts = False
+
+    def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
+        self._time = 0.0
+        root, heading = self._begin(rng, None if start is None else np.asarray(start, float))
+        self._root = np.array(root, float)
+        if np.hypot(*self._root) < CLEARANCE - 1e-9:
+            raise ParameterError(
+                f"a person's root has to keep {CLEARANCE} m from the base axis, got {self._root.tolist()}"
+            )
+        self._body = Body.facing(heading, person)
+        self._velocity = self._next_velocity()
+        return self._body.at(self._root, self._velocity)
+
+    def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
+        self._root = self._root + self._velocity * dt
+        self._time += dt
+        self._velocity = self._next_velocity()
+        return self._body.at(self._root, self._velocity)
+
+    @abstractmethod
+    def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
+        """Draw an episode: the root's start (2,) [m] and the body's heading [rad]."""
+
+    @abstractmethod
+    def _next_velocity(self) -> Array:
+        """Velocity of the step to come, shape (2,) [m/s]."""
+
+
+def _range(name: str, low_high: Sequence[float], least: float = 0.0) -> tuple[float, float]:
+    low, high = (float(x) for x in low_high)
+    if not (least <= low <= high < np.inf):
+        raise ParameterError(f"{name} has to be (low, high) with {least} <= low <= high, got {low_high!r}")
+    return low, high
+
+
+class ConstantVelocity(Walk):
+    """A straight walk through the workspace or past it: side, heading, speed and moment are drawn.
+
+    Args:
+        speed: Range of the walking speed [m/s].
+        offset: Range of the root's smallest distance from the base axis [m]. The arms of the body reach 0.6 m to its
+            sides, so that below 0.8 m one of them brushes the robot's base.
+        passing: Range of the time of the closest approach [s].
+    """
+
+    def __init__(
+        self,
+        speed: Sequence[float] = (0.3, 1.6),
+        offset: Sequence[float] = (0.85, 1.3),
+        passing: Sequence[float] = (1.5, 5.0),
+    ) -> None:
+        self.speed = _range("speed", speed)
+        self.offset = _range("offset", offset, CLEARANCE)
+        self.passing = _range("passing", passing)
+        self.speed_bound = self.speed[1]
+
+    def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
+        heading = rng.uniform(-np.pi, np.pi)
+        side = rng.choice([-1.0, 1.0])
+        speed, offset, passing = (rng.uniform(*r) for r in (self.speed, self.offset, self.passing))
+        direction = np.array([np.cos(heading), np.sin(heading)])
+        closest = side * offset * np.array([-direction[1], direction[0]])
+        self._walking = speed * direction
+        root = closest - self._walking * passing if start is None else start
+        return root, heading
+
+    def _next_velocity(self) -> Array:
+        return self._walking
+
+
+class ApproachRetreat(Walk):
+    """The paper's Fig. 5: walks up in front of the arm, slows down, stops, steps back.
+
+    Args:
+        start: Root at the beginning [m]; x is in front of the arm.
+        nearest: Range of the root's x where the person stops [m].
+        side: Range of the root's y [m].
+        speed: Range of the walking speed [m/s]; the last third of the way is walked at half of it.
+        wait: Range of the time before the person starts [s].
+        stay: Range of the time the person stays [s].
+    """
+
+    def __init__(
+        self,
+        start: float = 1.8,
+        nearest: Sequence[float] = (0.62, 0.85),
+        side: Sequence[float] = (-0.2, 0.2),
+        speed: Sequence[float] = (0.4, 0.8),
+        wait: Sequence[float] = (0.2, 1.0),
+        stay: Sequence[float] = (0.5, 1.5),
+    ) -> None:
+        self.nearest = _range("nearest", nearest, CLEARANCE)
+        self.start = float(start)
+        if not self.nearest[1] < self.start < np.inf:
+            raise ParameterError(f"start has to be beyond nearest {self.nearest}, got {start!r}")
+        self.side = _range("side", side, -np.inf)
+        self.speed, self.wait, self.stay = (_range(n, r) for n, r in zip(("speed", "wait", "stay"), (speed, wait, stay), strict=True))
+        self.speed_bound = self.speed[1]
+
+    def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
+        nearest, side, speed, wait, stay = (
+            rng.uniform(*r) for r in (self.nearest, self.side, self.speed, self.wait, self.stay)
+        )
+        root = np.array([self.start, side]) if start is None else start
+        way = np.array([nearest, root[1]]) - root
+        length = float(np.hypot(*way))
+        forward = way / length * speed if length > 0.0 else np.zeros(2)
+        # (end of the segment [s], velocity); the last one lasts for ever
+        fast, slow = 2.0 / 3.0 * length / max(speed, 1e-9), 2.0 / 3.0 * length / max(speed, 1e-9)
+        moments = np.cumsum([wait, fast, slow, stay, length / max(speed, 1e-9)])
+        velocities = (np.zeros(2), forward, forward / 2.0, np.zeros(2), -forward)
+        self._segments = list(zip(moments.tolist(), velocities, strict=True))
+        return root, np.pi
+
+    def _next_velocity(self) -> Array:
+        for end, velocity in self._segments:
+            if self._time < end - 1e-9:
+                return velocity
+        return np.zeros(2)
+
+
+class RandomWalk(Walk):
+    """Wanders in front of the arm from one random place to the next, speed and change of velocity bounded.
+
+    Args:
+        speed: Largest speed [m/s].
+        change: Largest change of velocity from one segment to the next [m/s].
+        period: Duration of a segment [s].
+        region: ((x_low, x_high), (y_low, y_high)) that the root stays in [m].
+    """
+
+    def __init__(
+        self,
+        speed: float = 1.0,
+        change: float = 0.4,
+        period: float = 0.2,
+        region: Sequence[Sequence[float]] = ((0.65, 2.0), (-1.2, 1.2)),
+    ) -> None:
+        for name, value in (("speed", speed), ("change", change), ("period", period)):
+            if not (0.0 < value < np.inf):
+                raise ParameterError(f"{name} has to be a positive number, got {value!r}")
+        self.speed_bound, self.change, self.period = float(speed), float(change), float(period)
+        self._low, self._high = np.array([_range("region", r, -np.inf) for r in region]).T
+        nearest = np.hypot(*np.clip(np.zeros(2), self._low, self._high))
+        if nearest < CLEARANCE:
+            raise ParameterError(f"region has to keep {CLEARANCE} m from the base axis, it comes within {nearest:.2f} m")
+
+    def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
+        self._rng = rng
+        if start is None:
+            # not within the arm's reach at once: the far half
+            low = np.array([(self._low[0] + self._high[0]) / 2.0, self._low[1]])
+            start = rng.uniform(low, self._high)
+        elif np.any(start < self._low) or np.any(start > self._high):
+            raise ParameterError(f"start {start.tolist()} is outside the region of this motion")
+        self._goal, self._segment_end = start, 0.0
+        self._velocity = np.zeros(2)
+        return start, np.pi
+
+    def _next_velocity(self) -> Array:
+        if self._time < self._segment_end - 1e-9:
+            return self._velocity
+        self._segment_end = self._time + self.period
+        way = self._goal - self._root
+        while np.hypot(*way) < 0.1:
+            self._goal = self._rng.uniform(self._low, self._high)
+            self._pace = self._rng.uniform(0.3, 1.0) * self.speed_bound
+            way = self._goal - self._root
+        wanted = way * min(self._pace / np.hypot(*way), 0.5 / self.period)
+        step = wanted - self._velocity
+        step *= min(1.0, self.change / max(np.hypot(*step), 1e-12))
+        velocity = self._velocity + step
+        velocity *= min(1.0, self.speed_bound / max(np.hypot(*velocity), 1e-12))
+        # slow down in time for the border, one coordinate at a time, by no more than the change allows
+        return np.clip(
+            velocity,
+            -self._speed_towards(self._root - self._low),
+            self._speed_towards(self._high - self._root),
+        )
+
+    def _speed_towards(self, gap: Array) -> Array:
+        """Largest speed from which segments of falling speed end within ``gap`` (2,) [m]."""
+        drop = self.change / np.sqrt(2.0)
+        # after v the speeds v - drop, v - 2 drop, ... follow: period (v²/(2 drop) + v/2 + drop/8) is enough
+        room = np.maximum(gap / self.period - drop / 8.0, 0.0)
+        return drop * (np.sqrt(0.25 + 2.0 * room / drop) - 0.5)
+
+
+class Crowd(HumanMotion):
+    """Several motions at once, each with its own people."""
+
+    def __init__(self, motions: Sequence[HumanMotion]) -> None:
+        if not motions:
+            raise ParameterError("a crowd needs at least one motion")
+        self.motions = tuple(motions)
+        self.people = sum(motion.people for motion in motions)
+        self.speed_bound = max(motion.speed_bound for motion in motions)
+        self.reacts = any(motion.reacts for motion in motions)
+
+    def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
+        people = []
+        for motion in self.motions:
+            people.append(motion.reset(rng, start, person))
+            person += motion.people
+            start = None
+        return together(people)
+
+    def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
+        return together([motion.step(dt, robot) for motion in self.motions])

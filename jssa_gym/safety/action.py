@@ -1,0 +1,28 @@
+"""What counts as an action."""
+
+from typing import Any
+
+import numpy as np
+
+from jssa_gym.exceptions import InvalidActionError
+from jssa_gym.types import Array
+
+
+def checked_action(action: Any, n: int) -> Array:
+    """An action as float64, shape (n,), a copy.
+
+    Raises:
+        InvalidActionError: Another shape, or not an array of real numbers. NaN and infinity pass: they are for the
+            caller to answer.
+    """
+    try:
+        array = np.asarray(action)
+    except Exception as error:
+        raise InvalidActionError(f"an action is an array of {n} real numbers: {error}") from error
+    if array.dtype.kind not in "fiu":
+        raise InvalidActionError(
+            f"an action is an array of {n} real numbers, got {type(action).__name__} of type {array.dtype}"
+        )
+    if array.shape != (n,):
+        raise InvalidActionError(f"an action has shape ({n},), got {array.shape}")
+    return array.astype(np.float64)

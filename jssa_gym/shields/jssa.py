@@ -1,0 +1,248 @@
+"""The jerk-based safe set algorithm as a filter."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.kernels.capsules import nearest
+from jssa_gym.kernels.index import advance, assess, exact_rows, measure_present, printed_rows
+from jssa_gym.kernels.projection import clip, violation
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT
+from jssa_gym.robots import RobotModel
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.projectors import PROJECTORS
+from jssa_gym.safety.proximity import agent_records, plane_records
+from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.types import Array, CapsuleSet, Decision, HalfSpaces, Planes, Scene, Status
+
+_TOLERANCE = 1e-6
+"""Index [m²] up to which a row counts as kept once the arm's true motion is computed."""
+
+_LINEARISATIONS = 3
+"""How often the exact row is linearised anew at the projected jerk; once is the rule."""
+
+
+class JSSAFilter(SafetyFilter):
+    r"""Keeps :math:`\phi_{k+1} \le 0` (Eq. 6) by the nearest jerk in rows and box, Eq. (14).
+
+    The nominal is kept bit for bit if it satisfies box and rows. Else the rows are linearised at it, the projection
+    is computed, and the index is evaluated again with the arm's true motion; what linearisation missed is projected
+    once more. When box and rows exclude each other the rows' common violation is made as small as possible, and the
+    decision says RELAXED.
+
+    Args:
+        robot: The arm, where it stands.
+        dt: Control step [s].
+        index: Parameters of the safety index.
+        rows: ``"all"`` robot-human pairs, or the ``"closest"`` one as in the paper.
+        gradient: ``"exact"``, or ``"printed"`` for Eq. (11)-(13) to the letter (surface points, plain square, the
+            printed L, which is about twice the true gradient).
+        projector: ``"exact"`` or ``"osqp"``.
+        weight: V of Eq. (14): None for the identity, a diagonal (n,), or a full (n, n).
+        static_rows: Whether table, floor and static capsules make rows too.
+        min_authority: Rows of pairs that the jerks move by less than this normal jerk [m/s³] are left out.
+
+    Raises:
+        ParameterError: An option is unknown or a number out of range; the message says what is valid.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        dt: float,
+        index: IndexParams | None = None,
+        *,
+        rows: Literal["all", "closest"] = "all",
+        gradient: Literal["exact", "printed"] = "exact",
+        projector: Literal["exact", "osqp"] = "exact",
+        weight: ArrayLike | None = None,
+        static_rows: bool = False,
+        min_authority: float = 5.0,
+    ) -> None:
+        super().__init__(robot, dt)
+        for name, value, valid in (
+            ("rows", rows, ("all", "closest")),
+            ("gradient", gradient, ("exact", "printed")),
+            ("projector", projector, tuple(PROJECTORS)),
+        ):
+            if value not in valid:
+                raise ParameterError(f"{name}={value!r} is unknown; valid: {', '.join(valid)}")
+        if not (np.isfinite(min_authority) and min_authority >= 0.0):
+            raise ParameterError(f"min_authority has to be a number >= 0, got {min_authority!r}")
+        if static_rows and gradient == "printed":
+            raise ParameterError("the printed row is for humans only: static_rows needs gradient='exact'")
+        self.index = index or IndexParams()
+        self.rows, self.gradient, self.static_rows = rows, gradient, static_rows
+        self._projector = PROJECTORS[projector](robot.n, weight)
+        self._index = self.index.kernel()
+        self._authority = min_authority * self.index.lambda2 * self.dt
+        self._start = np.zeros(robot.n)
+        self._after = np.zeros((3, robot.n))
+        self._frames = np.zeros(robot.n, FRAME)
+        self._segments = np.zeros(len(robot.capsules), SEGMENT)
+        self._static: tuple[CapsuleSet, Planes] | None = None
+        self._static_agents, self._planes = np.zeros(0, AGENT), np.zeros(0, PLANE)
+        self._all_agents = np.zeros(0, AGENT)
+        self._resize(0)
+
+    def _resize(self, columns: int) -> None:
+        count = len(self._segments) * columns
+        self._pairs = np.zeros((len(self._segments), columns), PAIR)
+        self._L = np.zeros((max(count, 1), self.robot.n))
+        self._S = np.zeros(max(count, 1))
+        self._owner = np.zeros(max(count, 1), np.int64)
+
+    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array) -> Decision:
+        humans = len(agents)
+        if self.static_rows:
+            agents = self._with_static(scene, agents)
+        if self._pairs.shape[1] != len(agents) + len(self._planes):
+            self._resize(len(agents) + len(self._planes))
+        inside = clip(nominal, self.lower, self.upper, self._start)
+        if self.gradient == "printed":
+            return self._printed(state, agents, nominal, inside)
+        advance(agents, self.dt)
+        return self._exact(state, agents, humans, nominal, inside)
+
+    def _with_static(self, scene: Scene, agents: NDArray) -> NDArray:
+        """Humans, then static capsules; the half-spaces go to ``self._planes``."""
+        if self._static is None or self._static != (scene.static, scene.planes):
+            self._static = (scene.static, scene.planes)
+            self._static_agents, self._planes = agent_records(scene.static), plane_records(scene.planes)
+        if len(self._all_agents) != len(agents) + len(self._static_agents):
+            self._all_agents = np.zeros(len(agents) + len(self._static_agents), AGENT)
+        self._all_agents[: len(agents)] = agents
+        self._all_agents[len(agents) :] = self._static_agents
+        return self._all_agents
+
+    def _assess(self, state: Array, agents: NDArray, jerk: Array) -> tuple[float, int, int]:
+        return assess(
+            self.robot.links,
+            self.robot.capsules,
+            state,
+            jerk,
+            agents,
+            self._planes,
+            self.dt,
+            self._index,
+            self._after,
+            self._frames,
+            self._segments,
+            self._pairs,
+        )
+
+    def _rows_at(self, agents: NDArray, jerk: Array, only: int) -> int:
+        return exact_rows(
+            self._frames,
+            self._segments,
+            agents,
+            self._planes,
+            self._pairs,
+            jerk,
+            self.lower,
+            self.upper,
+            self.dt,
+            self._index,
+            only,
+            self._authority,
+            self._L,
+            self._S,
+            self._owner,
+        )
+
+    def _exact(
+        self, state: Array, agents: NDArray, humans: int, nominal: Array, inside: bool
+    ) -> Decision:
+        """Exact rows; ``agents`` already stand where they will be at the end of the step."""
+        jerk, feasible, left, rows, note = self._start, True, 0.0, 0, ""
+        worst, _, _ = self._assess(state, agents, jerk)
+        if not (worst <= 0.0):
+            only = -1
+            if self.rows == "closest":
+                row, column, _ = nearest(self._pairs, self._pairs.shape[1])
+                only = row * self._pairs.shape[1] + column
+            left = np.nan
+            for attempt in range(_LINEARISATIONS + 1):
+                count = self._rows_at(agents, jerk, only)
+                left = violation(self._L, self._S, count, jerk)
+                kept = left <= (_TOLERANCE if attempt else 0.0)
+                if kept or not feasible or attempt == _LINEARISATIONS:
+                    break
+                rows = count
+                projection = self._projector.project(
+                    nominal, HalfSpaces(self._L[:count], self._S[:count]), self.lower, self.upper
+                )
+                jerk, feasible, note = projection.jerk, projection.feasible, projection.note
+                worst, _, _ = self._assess(state, agents, jerk)
+                if worst <= _TOLERANCE:
+                    left = max(worst, 0.0)
+                    break
+            if np.isnan(left) or not np.isfinite(jerk).all():
+                return self._fault(nominal, "the safety index is not a number")
+        row, column, distance = nearest(self._pairs, humans)
+        return self._decision(
+            nominal, jerk, inside, feasible and left <= _TOLERANCE, left, rows, note, worst, distance, (row, column)
+        )
+
+    def _printed(self, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
+        """Rows of Eq. (13) from the present, projected once; the index is their own S - L u."""
+        row, column, distance = measure_present(
+            self.robot.links, self.robot.capsules, state, agents, self._frames, self._segments, self._pairs
+        )
+        jerk, feasible, left, rows, note, phi = self._start, True, 0.0, 0, "", -np.inf
+        if row >= 0:
+            only = row * len(agents) + column if self.rows == "closest" else -1
+            count = printed_rows(
+                self._frames,
+                self._segments,
+                agents,
+                self._pairs,
+                self.lower,
+                self.upper,
+                self.dt,
+                self._index,
+                only,
+                0.0 if self.rows == "closest" else self._authority,
+                self._L,
+                self._S,
+                self._owner,
+            )
+            left = violation(self._L, self._S, count, jerk)
+            if not (left <= 0.0):
+                rows = count
+                projection = self._projector.project(
+                    nominal, HalfSpaces(self._L[:count], self._S[:count]), self.lower, self.upper
+                )
+                jerk, feasible, left, note = projection
+            phi = max((self._S[i] - self._L[i] @ jerk for i in range(count)), default=-np.inf)
+            if np.isnan(left) or np.isnan(phi):
+                return self._fault(nominal, "the printed row is not a number")
+        return self._decision(
+            nominal, jerk, inside, feasible, left, rows, note, phi, distance, (row, column)
+        )
+
+    def _decision(
+        self,
+        nominal: Array,
+        jerk: Array,
+        inside: bool,
+        kept: bool,
+        left: float,
+        rows: int,
+        note: str,
+        phi: float,
+        distance: float,
+        pair: tuple[int, int],
+    ) -> Decision:
+        if rows == 0 and kept:
+            jerk = jerk.copy()
+            status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, "outside the jerk bounds")
+        elif kept:
+            status, reason = Status.PROJECTED, "safety rows"
+        else:
+            status, reason = Status.RELAXED, "no jerk keeps all rows"
+        if note:
+            reason = f"{reason}; {note}"
+        return Decision(jerk, nominal, status, reason, phi, distance, pair, max(left, 0.0), rows)

@@ -1,0 +1,200 @@
+"""Wrappers that put a filter between a policy and an environment."""
+
+from collections.abc import Sequence
+from typing import Any, Literal, Self
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jssa_gym.exceptions import InterfaceError
+from jssa_gym.robots import RobotModel
+from jssa_gym.safety.action import checked_action
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.jssa import JSSAFilter
+from jssa_gym.types import Decision, Status
+
+_CORRECTION = 1e-6
+"""Correction, in jerk bounds, from which a step counts as an intervention."""
+
+
+def _provider(env: gym.Env, name: str) -> Any:
+    """The outermost environment of a wrapper chain that has an attribute: found once, read every step."""
+    layer: Any = env
+    while not hasattr(layer, name):
+        if not isinstance(layer, gym.Wrapper):
+            raise InterfaceError(
+                f"{env} has no attribute '{name}'; a shield needs robot (RobotModel), dt [s] and scene (Scene)"
+            )
+        layer = layer.env
+    return layer
+
+
+class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
+    """Runs every action through a safety filter.
+
+    The environment, ours or not, has to offer ``robot``, ``dt`` and ``scene``, anywhere in its wrapper chain, and
+    take actions in [-1, 1]: fractions of the robot's jerk bounds. Actions that the filter leaves alone are forwarded
+    untouched, as the very object the policy gave; others as float64, since rounding to float32 can break a row.
+
+    Keys added to ``info`` after ``step``: ``shield/status`` (int, see :class:`~jssa_gym.types.Status`),
+    ``shield/reason`` (str), ``shield/intervened`` (bool), ``shield/phi`` [m²], ``shield/correction`` (largest change
+    of a joint's action), ``shield/robot_pair`` and ``shield/human_pair`` (capsule numbers, -1 for none),
+    ``shield/slack`` [m²].
+
+    Args:
+        env: The environment.
+        filter: A filter built for the same robot and time step.
+
+    Raises:
+        InterfaceError: The environment lacks an attribute, or filter and environment differ.
+    """
+
+    def __init__(self, env: gym.Env, filter: SafetyFilter) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, _disable_deepcopy=True, filter=filter)
+        gym.Wrapper.__init__(self, env)
+        self._source = _provider(env, "scene")
+        robot = _provider(env, "robot").robot
+        dt = float(_provider(env, "dt").dt)
+        if not isinstance(robot, RobotModel):
+            raise InterfaceError(f"robot has to be a RobotModel, got {type(robot).__name__}")
+        if filter.dt != dt:
+            raise InterfaceError(f"the filter's time step is {filter.dt} s, the environment's {dt} s")
+        if not _same_robot(filter.robot, robot):
+            raise InterfaceError(
+                f"the filter is for {filter.robot.name} at {filter.robot.mount}, the environment has {robot.name} "
+                f"at {robot.mount}, or their capsules or limits differ"
+            )
+        shape = env.action_space.shape
+        if shape != (robot.n,):
+            raise InterfaceError(f"the action space has shape {shape}, the robot {robot.n} joints")
+        if not (np.all(env.action_space.low == -1.0) and np.all(env.action_space.high == 1.0)):  # ty: ignore[unresolved-attribute]
+            raise InterfaceError("the action space has to be [-1, 1]: fractions of the jerk bounds")
+        self.filter = filter
+        self.last_decision: Decision | None = None
+        self._jerk_bound = np.array(robot.limits.jerk)
+        self._n = robot.n
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment, then the filter with the scene that it starts in."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self.filter.reset(self._source.scene)
+        self.last_decision = None
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Filter the action and step the environment.
+
+        Raises:
+            InvalidActionError: Wrong shape or type, before anything moved.
+        """
+        fraction = checked_action(action, self._n)
+        decision = self.filter.decide(self._source.scene, fraction * self._jerk_bound)
+        self.last_decision = decision
+        correction = 0.0
+        if decision.status != Status.NOMINAL:
+            applied = decision.jerk / self._jerk_bound
+            correction = float(np.abs(applied - fraction).max())
+            action = applied
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        info["shield/status"] = int(decision.status)
+        info["shield/reason"] = decision.reason
+        info["shield/intervened"] = not correction <= _CORRECTION
+        info["shield/phi"] = float(decision.phi)
+        info["shield/correction"] = correction
+        info["shield/robot_pair"], info["shield/human_pair"] = decision.pair
+        info["shield/slack"] = float(decision.slack)
+        return observation, reward, terminated, truncated, info
+
+
+def _same_robot(one: RobotModel, other: RobotModel) -> bool:
+    return one is other or (
+        one.n == other.n
+        and one.links.tobytes() == other.links.tobytes()
+        and one.capsules.tobytes() == other.capsules.tobytes()
+        and np.array_equal(one.limits.jerk, other.limits.jerk)
+    )
+
+
+class JSSAShield(Shield):
+    r"""The jerk-based safe set algorithm around any environment of an arm.
+
+    Projects the policy's jerk into the safe set: exact rows of all robot-human pairs, exact projection. The paper's
+    own form is :meth:`as_published`.
+
+    Args:
+        env: The environment; see :class:`Shield` for what it has to offer.
+        lambda1: :math:`\lambda_1` [m·s].
+        lambda2: :math:`\lambda_2` [m·s²].
+        d_min: Safety margin :math:`d_{min}` [m].
+        rows, gradient, projector, weight, static_rows: See :class:`~jssa_gym.shields.jssa.JSSAFilter`.
+        sliding: See :class:`~jssa_gym.safety.index.IndexParams`.
+
+    Raises:
+        InterfaceError: The environment lacks an attribute.
+        ParameterError: A parameter is out of range or unknown.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env,
+        *,
+        lambda1: float = 1.25,
+        lambda2: float = 0.39,
+        d_min: float = 0.05,
+        rows: Literal["all", "closest"] = "all",
+        gradient: Literal["exact", "printed"] = "exact",
+        projector: Literal["exact", "osqp"] = "exact",
+        weight: ArrayLike | Sequence[float] | None = None,
+        static_rows: bool = False,
+        sliding: bool = True,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(
+            self,
+            lambda1=lambda1,
+            lambda2=lambda2,
+            d_min=d_min,
+            rows=rows,
+            gradient=gradient,
+            projector=projector,
+            weight=weight,
+            static_rows=static_rows,
+            sliding=sliding,
+        )
+        index = IndexParams(d_min=d_min, lambda1=lambda1, lambda2=lambda2, sliding=sliding)
+        robot, dt = _provider(env, "robot").robot, _provider(env, "dt").dt
+        if not isinstance(robot, RobotModel):
+            raise InterfaceError(f"robot has to be a RobotModel, got {type(robot).__name__}")
+        super().__init__(
+            env,
+            JSSAFilter(
+                robot,
+                dt,
+                index,
+                rows=rows,
+                gradient=gradient,
+                projector=projector,
+                weight=weight,
+                static_rows=static_rows,
+            ),
+        )
+
+    @classmethod
+    def as_published(cls, env: gym.Env, *, lambda1: float = 3.0, lambda2: float = 1.0, d_min: float = 0.05) -> Self:
+        """The paper to the letter: closest pair, Eq. (11)-(13) as printed, jerk bounds only.
+
+        It is here to be compared with. Its printed row lets half of every violation pass, and it knows no joint
+        limits but the jerk's.
+        """
+        return cls(
+            env,
+            lambda1=lambda1,
+            lambda2=lambda2,
+            d_min=d_min,
+            rows="closest",
+            gradient="printed",
+            sliding=False,
+        )
