@@ -23,8 +23,8 @@ from jssa_gym.types import CapsuleSet, JointState, Planes
 
 FIXED = settings(deadline=None, derandomize=True, database=None, max_examples=300)
 
-# A coarse grid makes points, parallel, collinear, touching and crossing segments common; two decimals keep the
-# angles of the others above the one under which two segments count as parallel.
+# A coarse grid makes points, parallel, collinear, touching and crossing segments common; two decimals keep
+# the angles of the others above the one under which two segments count as parallel.
 coordinate = st.one_of(
     st.sampled_from([-1.0, -0.5, 0.0, 0.5, 1.0]), st.floats(-1.0, 1.0).map(lambda x: round(x, 2))
 )
@@ -120,7 +120,7 @@ def test_random_segments_of_many_lengths(times):
 
 
 def test_nearly_parallel_segments_lose_at_most_a_micrometre_a_metre():
-    """Below an angle of 1e-6 rad axes count as parallel: the distance is too large by at most that angle's width."""
+    """Below an angle of 1e-6 rad axes count as parallel; the distance is too large by that width at most."""
     rng = np.random.default_rng(2)
     for _ in range(1000):
         a, c = rng.normal(size=(2, 3))
@@ -135,8 +135,8 @@ def test_nearly_parallel_segments_lose_at_most_a_micrometre_a_metre():
 
 @pytest.mark.xfail(
     strict=True,
-    reason="closest_points: under an angle of 1e-6 rad only the first end s = 0 is looked at, so that the distance "
-    "depends on the order by up to 1e-6 of the length; testing.md T5 asks for 1e-12",
+    reason="closest_points: under an angle of 1e-6 rad only the first end s = 0 is looked at, so that the "
+    "distance depends on the order by up to 1e-6 of the length; the test plan (T5) asks for 1e-12",
 )
 def test_nearly_parallel_segments_are_symmetric():
     """Turning a capsule round must not move the distance, not even between nearly parallel axes."""
@@ -154,9 +154,11 @@ def test_radii_are_taken_off_once(ends, a_radius, b_radius):
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("kind", ["skew", "two points", "point and segment", "parallel, overlapping", "crossing"])
+@pytest.mark.parametrize(
+    "kind", ["skew", "two points", "point and segment", "parallel, overlapping", "crossing"]
+)
 def test_a_coordinate_that_is_no_number_never_gives_a_distance(kind, bad):
-    """A broken measurement must not read as far away: the result is not a finite number, and nothing is raised."""
+    """A broken measurement never reads as far away: the result is not finite, and nothing is raised."""
     ends = np.array(DEGENERATE[kind][:4])
     for index in np.ndindex(4, 3):
         broken = ends.copy()
@@ -314,7 +316,7 @@ def segments_of(rng, m):
 
 
 def test_measures_of_many_pairs():
-    """Every robot capsule is measured against every agent, plane and listed self-pair, each in its own place."""
+    """Every robot capsule is measured against every agent, plane and listed self-pair."""
     rng = np.random.default_rng(5)
     segments = segments_of(rng, 4)
     agents = np.zeros(3, AGENT)

@@ -39,7 +39,7 @@ def numbers(values):
 
 
 def arm_xml(rng, layout):
-    """A serial arm with everything that MJCF allows one: random frames, anchors, reference angles and axes."""
+    """A serial arm with all that MJCF allows: random frames, anchors, reference angles and axes."""
     opened, joint = [], 0
     for body, joints in enumerate(layout):
         lines = [
@@ -59,7 +59,8 @@ def arm_xml(rng, layout):
                 f'fromto="{numbers(0.2 * rng.normal(size=6))}"/>'
             )
             lines.append(
-                f'<geom name="tilted{body}" type="capsule" group="3" size=".03 {rng.uniform(0.05, 0.3):.17g}" '
+                f'<geom name="tilted{body}" type="capsule" group="3" '
+                f'size=".03 {rng.uniform(0.05, 0.3):.17g}" '
                 f'pos="{numbers(0.2 * rng.normal(size=3))}" quat="{numbers(rng.normal(size=4))}"/>'
             )
             lines.append(
@@ -85,7 +86,9 @@ class Arm:
         self.sim = mujoco.MjModel.from_xml_path(str(path))
         self.data = mujoco.MjData(self.sim)
         n = self.sim.nq
-        self.robot = robot or RobotModel.from_mjcf(path, velocity=np.ones(n), acceleration=np.ones(n), jerk=np.ones(n))
+        self.robot = robot or RobotModel.from_mjcf(
+            path, velocity=np.ones(n), acceleration=np.ones(n), jerk=np.ones(n)
+        )
         self.geoms = [self.sim.geom(name).id for name in self.robot.capsule_names]
 
     @property
@@ -108,7 +111,9 @@ class Arm:
 
     def geom_ends(self, geom):
         """Ends of a capsule from MuJoCo's own pose, the end on +z first."""
-        half = self.sim.geom_size[geom, 1] if self.sim.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+        half = (
+            self.sim.geom_size[geom, 1] if self.sim.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+        )
         z = half * self.data.geom_xmat[geom].reshape(3, 3)[:, 2]
         return self.data.geom_xpos[geom] + z, self.data.geom_xpos[geom] - z
 
@@ -219,7 +224,7 @@ def test_motion_is_the_power_series_motion(arm, times):
 
 
 def test_derivatives_are_those_of_mujoco_s_positions(arm):
-    """Nothing but positions goes in: MuJoCo's track of a capsule end is interpolated and differentiated three times.
+    """Nothing but positions goes in: MuJoCo's track of a capsule end, interpolated and differentiated.
 
     The joints move as q + qd t + qdd t^2/2, so that the third derivative at t = 0 is the drift.
     """
@@ -248,7 +253,7 @@ def test_derivatives_are_those_of_mujoco_s_positions(arm):
 
 
 def test_a_mount_moves_the_whole_arm_and_nothing_else(arm):
-    """On the paper's table the arm stands 0.87 m up: every point is shifted, no rate changes, mounts do not add up."""
+    """On a table the arm stands higher: every point is shifted, no rate changes, mounts do not add up."""
     rng = np.random.default_rng(7)
     state, shift = arm.random_state(rng), np.array([0.3, -0.2, 0.87])
     frames, segments = arm.forward(state)

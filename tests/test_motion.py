@@ -26,10 +26,11 @@ def times(request):
 def stop_time(v, a, bound):
     """Shortest time [s] in which |jerk| <= bound brings velocity v and acceleration a to zero.
 
-    The acceleration is the state of a double integrator (v' = a, a' = u), whose time-optimal stop has at most one
-    switch. If the ramp of a to zero at full jerk leaves a velocity w = v + a|a|/2J > 0, the jerk is -J until the
-    acceleration is -p, then +J until it is zero. The velocity left by the two ramps, v + (a^2 - p^2)/2J - p^2/2J,
-    vanishes for p = sqrt(J v + a^2/2), and the ramps take (a + p)/J and p/J. Mirrored for w < 0; |a|/J for w = 0.
+    Velocity and acceleration are a double integrator (v' = a, a' = u), whose time-optimal stop has at
+    most one switch (Pontryagin). If the ramp of a to zero at full jerk leaves a velocity
+    w = v + a|a|/2J > 0, the jerk is -J until the acceleration is -p, then +J until it is zero. The velocity
+    left by the two ramps, v + (a^2 - p^2)/2J - p^2/2J, vanishes for p = sqrt(J v + a^2/2), and the ramps
+    take (a + p)/J and p/J. Mirrored for w < 0; |a|/J for w = 0.
     """
     w = v + a * abs(a) / (2.0 * bound)
     if w == 0.0:
@@ -73,25 +74,28 @@ def test_a_step_may_overwrite_its_own_state():
 
 
 def test_the_optimal_stop_really_stops():
-    """The yardstick of the braking test is right: its two ramps end at rest, and no constant jerk is faster."""
+    """The yardstick of the braking test is right: its two ramps take no negative time and end at rest."""
     rng = np.random.default_rng(2)
     for _ in range(200):
         v, a, bound = rng.normal() * 3.0, rng.normal() * 10.0, rng.uniform(10.0, 100.0)
         sign = math.copysign(1.0, v + a * abs(a) / (2.0 * bound))
         peak = math.sqrt(bound * sign * v + a * a / 2.0)
+        expected, total = stop_time(v, a, bound), 0.0
         for jerk, time in (
             (-sign * bound, (sign * a + peak) / bound),
             (sign * bound, peak / bound),
         ):
             assert time >= 0.0
+            total += time
             v, a = v + a * time + jerk * time**2 / 2.0, a + jerk * time
         assert abs(v) < 1e-12
         assert abs(a) < 1e-12
+        assert abs(total - expected) < 1e-12
 
 
 @pytest.mark.parametrize("limits", ["paper", "stream"])
 def test_braking_comes_to_rest_in_little_more_than_the_shortest_time(limits, times):
-    """FAULT brakes with this jerk: from any speed and acceleration the arm has to stop, soon, and stay there."""
+    """FAULT brakes with this jerk: from any speed and acceleration the arm stops soon, and stays."""
     limit = lr_mate_200id_7l(limits).limits
     rng = np.random.default_rng(3)
     J = np.tile(limit.jerk, 100 * times)
@@ -122,7 +126,7 @@ def test_an_arm_at_rest_is_not_moved_by_the_brake():
 
 
 def test_braking_with_an_unequal_box_still_comes_to_rest():
-    """The box is not symmetric near joint limits; the brake has to respect the tighter side and still stop."""
+    """A box need not be symmetric; the brake has to respect the tighter side and still stop."""
     rng = np.random.default_rng(4)
     n = 200
     lower, upper = -rng.uniform(20.0, 200.0, n), rng.uniform(20.0, 200.0, n)

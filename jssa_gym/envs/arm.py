@@ -18,8 +18,9 @@ from jssa_gym.humans import HumanMotion, make_human, nobody
 from jssa_gym.kernels.chain import tool_motion
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.contact import observe
-from jssa_gym.kernels.motion import integrate, scale_action, violates
+from jssa_gym.kernels.motion import scale_action
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT
+from jssa_gym.kernels.tick import fill_observation, tick
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l, make_robot
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.index import IndexParams
@@ -137,6 +138,9 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.observation_space = self._observation.space
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
         self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
+        endings = self.terminate_on
+        self._ends_success, self._ends_contact = "success" in endings, "contact" in endings
+        self._ends_moving, self._ends_violation = "moving_contact" in endings, "limit_violation" in endings
         self._hold_steps = self.task.hold_time / self.dt - 1e-9
         self._begin(np.array(self.robot.home), np.zeros(0), nobody())
         announce_compilation()
@@ -233,7 +237,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
                 break
         if self.dynamics == "servo":
             self.world.servo_reset(position)
-        info = self._info(np.zeros(self.robot.n), False)
+        info = self._info(np.zeros(self.robot.n), False, False)
         if self.render_mode == "human":
             self.render()
         return self._observed(), info
@@ -298,36 +302,54 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         jerk = np.empty(self.robot.n)
         if not scale_action(fraction, self._jerk_bound, jerk):
             raise InvalidActionError(f"an action has to be finite, got {action!r}")
-        before, after = self._state, np.empty_like(self._state)
-        integrate(before, jerk, self.dt, after)
         people = self.human.step(self.dt, self.robot_capsules if self.human.reacts else self._static)
-        self._state, self._people, self._scene = after, people, None
-        self._actual = after
-        if self.dynamics == "servo":
-            self._actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
+        self._people, self._scene = people, None
+        self._agents = agent_records(people, self._agents)
         self._steps += 1
         self._time = self._steps * self.dt
-        if len(people.radius) != len(self._valid):
-            self._age, self._valid = np.zeros(len(people.radius)), np.ones(len(people.radius), np.bool_)
-        self._look()
-
-        near = self._near
-        moving = near[3] > MOVING
-        moment = Moment(
-            self._actual[0], self._actual[1], self._tip[0], self._tip_speed, fraction, near[0], moving
+        if len(self._agents) != len(self._valid):
+            self._age, self._valid = np.zeros(len(self._agents)), np.ones(len(self._agents), np.bool_)
+            self._pairs = np.zeros((len(self._segments), len(self._agents)), PAIR)
+        robot, near, before, after = self.robot, self._near, self._state, np.empty_like(self._state)
+        row, column, self._tip_speed, violation = tick(
+            robot.links,
+            robot.capsules,
+            robot.tool_link,
+            robot.tool_offset,
+            before,
+            jerk,
+            self.dt,
+            self._bounds,
+            _LIMIT_TOLERANCE,
+            self._agents,
+            self._index,
+            after,
+            self._frames,
+            self._segments,
+            self._pairs,
+            near,
+            self._parts,
+            self._tip,
         )
-        self._held = self._held + 1 if self.task.reached(self._goal, moment) else 0
-        success = self._held >= self._hold_steps
-        info = self._info(jerk, success)
+        self._closest, self._state, self._actual = (row, column), after, after
+        if self.dynamics == "servo":
+            self._actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
+            self._look()
+
+        distance = float(near[0])
+        moving = float(near[3]) > MOVING
+        moment = Moment(self._actual[0], self._tip[0], self._tip_speed, fraction, distance, moving)
+        held = self.task.hold_time < np.inf and self.task.reached(self._goal, moment)
+        self._held = self._held + 1 if held else 0
+        success = held and self._held >= self._hold_steps
+        info = self._info(jerk, success, violation)
         reward = self._reward(moment, success, info)
-        terminated = False
-        for ending in self.terminate_on:
-            if ending == "success":
-                terminated = terminated or success
-            elif ending == "moving_contact":
-                terminated = terminated or bool(moving)
-            else:
-                terminated = terminated or info[ending]
+        terminated = (
+            (success and self._ends_success)
+            or (moving and self._ends_moving)
+            or (violation and self._ends_violation)
+            or (distance <= 0.0 and self._ends_contact)
+        )
         if self.render_mode == "human":
             self.render()
         return self._observed(), reward, terminated, False, info
@@ -341,12 +363,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         values.append(info["cost"])
         values.append(float(moment.moving_contact))
         total = 0.0
-        for (key, weight), value in zip(self._terms, values, strict=True):
+        for (key, weight), value in zip(self._terms, values):  # noqa: B905  # hot path, same length by construction
             info[key] = term = weight * value
             total += term
         return total
 
-    def _info(self, jerk: Array, success: bool) -> dict[str, Any]:
+    def _info(self, jerk: Array, success: bool, violation: bool) -> dict[str, Any]:
         near = self._near
         distance = float(near[0])
         info = {
@@ -355,7 +377,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             "contact_speed": float(near[3]),
             "cost": 1.0 if distance < self.d_min else 0.0,
             "jerk": jerk,
-            "limit_violation": violates(self._state, jerk, self._bounds, _LIMIT_TOLERANCE),
+            "limit_violation": violation,
             "success": success,
         }
         if self.dynamics == "servo":
@@ -363,22 +385,24 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return info
 
     def _observed(self) -> NDArray[np.float32]:
-        position, velocity, acceleration = self._actual if self.dynamics == "kinematic" else self._state
-        near, tip = self._near, self._tip[0]
-        moment = Moment(position, velocity, tip, self._tip_speed, velocity, near[0], False)
-        return self._observation.assemble(
-            (
-                position - self._middle,
-                velocity,
-                acceleration,
-                tip - self._mount,
-                near[4:7],
-                near[7:10] - self._mount,
-                near[10:13],
-                self._parts,
-                self.task.observe(self._goal, moment),
-            )
+        # with servos the policy sees the commanded joints, as the shield does; the tip is the simulated one's
+        state, table = self._state, self._observation
+        moment = Moment(state[0], self._tip[0], self._tip_speed, state[0], float(self._near[0]), False)
+        raw = np.empty(table.size)
+        fill_observation(
+            state,
+            self._middle,
+            self._tip,
+            self._mount,
+            self._near,
+            self._parts,
+            self.task.observe(self._goal, moment),
+            table.gain,
+            table.low,
+            table.high,
+            raw,
         )
+        return raw.astype(np.float32)
 
     def render(self) -> Any:
         """A picture of shape (height, width, 3) for ``rgb_array``; draws the window for ``human``."""

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.types import Array
 
 FAR = 2.0
 """Distances and positions beyond this are observed as this [m]."""
@@ -32,48 +30,32 @@ class Feature:
 
 
 class Observation:
-    """Assembles observations from a table of features.
+    """What a table of features says about the observation vector.
 
     Args:
-        features: The table; raw values are given to :meth:`assemble` in its order.
+        features: The table, in the order of :func:`jssa_gym.kernels.tick.fill_observation`.
     """
 
     def __init__(self, features: Sequence[Feature]) -> None:
         self.features = tuple(features)
         self.size = sum(feature.size for feature in features)
-        self._raw = np.zeros(self.size)
-        self._gain = np.concatenate([np.full(f.size, 1.0) / np.array(f.scale) for f in features])
-        self._low = np.concatenate([np.full(f.size, f.low) for f in features])
-        self._high = np.concatenate([np.full(f.size, f.high) for f in features])
+        self.gain = np.concatenate([np.full(f.size, 1.0) / np.array(f.scale) for f in features])
+        self.low = np.concatenate([np.full(f.size, f.low) for f in features])
+        self.high = np.concatenate([np.full(f.size, f.high) for f in features])
         self.slices: dict[str, slice] = {}
         begin = 0
         for feature in self.features:
             self.slices[feature.name] = slice(begin, begin + feature.size)
             begin += feature.size
-        self._order = tuple(self.slices.values())
 
     @property
     def space(self) -> spaces.Box:
         """Its bounds, float32."""
-        return spaces.Box(self._low.astype(np.float32), self._high.astype(np.float32))
-
-    def assemble(self, values: Sequence[Array | float]) -> NDArray[np.float32]:
-        """The observation from the raw values of all features, in the table's order."""
-        raw = self._raw
-        for where, value in zip(self._order, values, strict=True):
-            raw[where] = value
-        scaled = raw * self._gain
-        np.maximum(scaled, self._low, out=scaled)
-        np.minimum(scaled, self._high, out=scaled)
-        return scaled.astype(np.float32)
-
-    def table(self) -> str:
-        """The table in reStructuredText, for docstrings and docs."""
-        return feature_table(self.features)
+        return spaces.Box(self.low.astype(np.float32), self.high.astype(np.float32))
 
 
 def feature_table(features: Sequence[Feature]) -> str:
-    """Features as a reStructuredText list table."""
+    """Features as lines of index, name, bounds and meaning."""
     lines = []
     begin = 0
     for f in features:

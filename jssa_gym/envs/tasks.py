@@ -1,5 +1,6 @@
 """What the arm is to do: goal, observation of it, reward, success."""
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
@@ -21,8 +22,6 @@ class Moment(NamedTuple):
 
     position: Array
     """Shape (n,) [rad]."""
-    velocity: Array
-    """Shape (n,) [rad/s]."""
     tip: Array
     """Tool centre point, shape (3,) [m]."""
     tip_speed: float
@@ -118,7 +117,7 @@ class Home(Task):
 
     def value(self, goal: Array, moment: Moment) -> float:
         gap = goal - moment.position
-        return float(np.sqrt(gap.dot(gap) / len(gap)))
+        return math.sqrt(gap.dot(gap) / len(gap))
 
     def reached(self, goal: Array, moment: Moment) -> bool:
         return bool(np.abs(goal - moment.position).max() <= self.tolerance)
@@ -166,8 +165,7 @@ class Reach(Task):
         return goal - moment.tip
 
     def value(self, goal: Array, moment: Moment) -> float:
-        gap = goal - moment.tip
-        return float(np.sqrt(gap.dot(gap)))
+        return math.dist(goal, moment.tip)
 
     def reached(self, goal: Array, moment: Moment) -> bool:
         return moment.tip_speed < self.speed and self.value(goal, moment) <= self.tolerance

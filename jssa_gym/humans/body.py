@@ -46,8 +46,8 @@ class Body:
             np.full(len(PARTS), person, np.int64),
         )
 
-    def at(self, root: Array, velocity: Array) -> CapsuleSet:
-        """The body at ``root`` (2,) [m], moving as a whole at ``velocity`` (2,) [m/s]."""
+    def at(self, root: tuple[float, float], velocity: tuple[float, float]) -> CapsuleSet:
+        """The body at ``root`` on the floor [m], moving as a whole at ``velocity`` [m/s]."""
         out = np.empty((4, len(self.radius), 3))
         translate(self.start, self.end, root[0], root[1], velocity[0], velocity[1], out)
         return CapsuleSet(out[0], out[1], out[2], out[3], self.radius, NAMES, self.person)

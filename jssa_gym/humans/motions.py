@@ -7,6 +7,7 @@ where the capsule will be. Motions that react get the robot's capsules in every 
 People keep their root at least :data:`CLEARANCE` from the robot's base axis (the world's z axis).
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
@@ -15,6 +16,10 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.body import Body, nobody, together
 from jssa_gym.types import Array, CapsuleSet
+
+Point = tuple[float, float]
+
+_STILL: Point = (0.0, 0.0)
 
 CLEARANCE = 0.6
 """Smallest distance of a person's root from the base axis [m]."""
@@ -67,17 +72,18 @@ class Walk(HumanMotion):
     def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
         self._time = 0.0
         root, heading = self._begin(rng, None if start is None else np.asarray(start, float))
-        self._root = np.array(root, float)
-        if np.hypot(*self._root) < CLEARANCE - 1e-9:
+        self._root = (float(root[0]), float(root[1]))
+        if math.hypot(*self._root) < CLEARANCE - 1e-9:
             raise ParameterError(
-                f"a person's root has to keep {CLEARANCE} m from the base axis, got {self._root.tolist()}"
+                f"a person's root has to keep {CLEARANCE} m from the base axis, got {self._root}"
             )
         self._body = Body.facing(heading, person)
         self._velocity = self._next_velocity()
         return self._body.at(self._root, self._velocity)
 
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
-        self._root = self._root + self._velocity * dt
+        (x, y), (vx, vy) = self._root, self._velocity
+        self._root = (x + vx * dt, y + vy * dt)
         self._time += dt
         self._velocity = self._next_velocity()
         return self._body.at(self._root, self._velocity)
@@ -87,8 +93,8 @@ class Walk(HumanMotion):
         """Draw an episode: the root's start (2,) [m] and the body's heading [rad]."""
 
     @abstractmethod
-    def _next_velocity(self) -> Array:
-        """Velocity of the step to come, shape (2,) [m/s]."""
+    def _next_velocity(self) -> Point:
+        """Velocity of the step to come [m/s]."""
 
 
 def _range(name: str, low_high: Sequence[float], least: float = 0.0) -> tuple[float, float]:
@@ -125,11 +131,12 @@ class ConstantVelocity(Walk):
         speed, offset, passing = (rng.uniform(*r) for r in (self.speed, self.offset, self.passing))
         direction = np.array([np.cos(heading), np.sin(heading)])
         closest = side * offset * np.array([-direction[1], direction[0]])
-        self._walking = speed * direction
-        root = closest - self._walking * passing if start is None else start
+        walking = speed * direction
+        self._walking = (float(walking[0]), float(walking[1]))
+        root = closest - walking * passing if start is None else start
         return root, heading
 
-    def _next_velocity(self) -> Array:
+    def _next_velocity(self) -> Point:
         return self._walking
 
 
@@ -169,19 +176,19 @@ class ApproachRetreat(Walk):
         root = np.array([self.start, side]) if start is None else start
         way = np.array([nearest, root[1]]) - root
         length = float(np.hypot(*way))
-        forward = way / length * speed if length > 0.0 else np.zeros(2)
+        x, y = (float(c) for c in (way / length * speed if length > 0.0 else np.zeros(2)))
         # (end of the segment [s], velocity); the last one lasts for ever
         fast, slow = 2.0 / 3.0 * length / max(speed, 1e-9), 2.0 / 3.0 * length / max(speed, 1e-9)
         moments = np.cumsum([wait, fast, slow, stay, length / max(speed, 1e-9)])
-        velocities = (np.zeros(2), forward, forward / 2.0, np.zeros(2), -forward)
+        velocities = (_STILL, (x, y), (x / 2.0, y / 2.0), _STILL, (-x, -y))
         self._segments = list(zip(moments.tolist(), velocities, strict=True))
         return root, np.pi
 
-    def _next_velocity(self) -> Array:
+    def _next_velocity(self) -> Point:
         for end, velocity in self._segments:
             if self._time < end - 1e-9:
                 return velocity
-        return np.zeros(2)
+        return _STILL
 
 
 class RandomWalk(Walk):
@@ -219,29 +226,27 @@ class RandomWalk(Walk):
         elif np.any(start < self._low) or np.any(start > self._high):
             raise ParameterError(f"start {start.tolist()} is outside the region of this motion")
         self._goal, self._segment_end = start, 0.0
-        self._velocity = np.zeros(2)
+        self._velocity = _STILL
         return start, np.pi
 
-    def _next_velocity(self) -> Array:
+    def _next_velocity(self) -> Point:
         if self._time < self._segment_end - 1e-9:
             return self._velocity
         self._segment_end = self._time + self.period
-        way = self._goal - self._root
+        root = np.array(self._root)
+        way = self._goal - root
         while np.hypot(*way) < 0.1:
             self._goal = self._rng.uniform(self._low, self._high)
             self._pace = self._rng.uniform(0.3, 1.0) * self.speed_bound
-            way = self._goal - self._root
+            way = self._goal - root
         wanted = way * min(self._pace / np.hypot(*way), 0.5 / self.period)
-        step = wanted - self._velocity
+        step = wanted - np.array(self._velocity)
         step *= min(1.0, self.change / max(np.hypot(*step), 1e-12))
-        velocity = self._velocity + step
+        velocity = np.array(self._velocity) + step
         velocity *= min(1.0, self.speed_bound / max(np.hypot(*velocity), 1e-12))
         # slow down in time for the border, one coordinate at a time, by no more than the change allows
-        return np.clip(
-            velocity,
-            -self._speed_towards(self._root - self._low),
-            self._speed_towards(self._high - self._root),
-        )
+        velocity = np.clip(velocity, -self._speed_towards(root - self._low), self._speed_towards(self._high - root))
+        return float(velocity[0]), float(velocity[1])
 
     def _speed_towards(self, gap: Array) -> Array:
         """Largest speed from which segments of falling speed end within ``gap`` (2,) [m]."""

@@ -198,17 +198,23 @@ def _dual_active_set(
         for c in range(total):
             taken = False
             for a in range(used):
-                taken = taken or active[a] == c
+                if active[a] == c:
+                    taken = True
+                    break
             if taken:
                 continue
             if c < count:
                 gap = S[c] - (x[n] if relaxed else 0.0)
+                for i in range(n):
+                    gap -= L[c, i] * scales[i] * x[i]
+                if gap <= 0.0:
+                    continue
                 length2 = inverse[n, n] if relaxed else 0.0
                 for i in range(n):
                     li = L[c, i] * scales[i]
-                    gap -= li * x[i]
-                    for j in range(n):
-                        length2 += li * inverse[i, j] * L[c, j] * scales[j]
+                    length2 += li * inverse[i, i] * li
+                    for j in range(i):
+                        length2 += 2.0 * li * inverse[i, j] * L[c, j] * scales[j]
                 gap /= np.sqrt(length2) if length2 > 0.0 else 1.0
             elif c < count + n:
                 k = c - count

@@ -8,21 +8,33 @@ from numpy.typing import NDArray
 from jssa_gym.kernels.capsules import measure_planes, measure_self
 from jssa_gym.kernels.contact import observe
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT
+from jssa_gym.kernels.tick import load_agents
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes
 
 
 def agent_records(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
-    """Capsules as the kernels read them, shape (m,) of ``AGENT``; into ``out`` if it is given and fits."""
-    m = len(capsules.radius)
-    if out is None or len(out) != m:
-        out = np.zeros(m, AGENT)
-    out["start"] = capsules.start
-    out["end"] = capsules.end
-    out["start_velocity"] = capsules.start_velocity
-    out["end_velocity"] = capsules.end_velocity
-    out["radius"] = capsules.radius
+    """Capsules as the kernels read them, shape (m,) of ``AGENT``; into ``out`` if it is given and fits.
+
+    Raises:
+        ValueError: The arrays' shapes do not fit together.
+    """
+    radius = capsules.radius
+    ends = (radius.shape[0], 3)
+    if (
+        radius.ndim != 1
+        or capsules.start.shape != ends
+        or capsules.end.shape != ends
+        or capsules.start_velocity.shape != ends
+        or capsules.end_velocity.shape != ends
+    ):
+        raise ValueError(f"capsules need ends and velocities of shape {ends} for radii of shape {radius.shape}")
+    if out is None or len(out) != ends[0]:
+        out = np.zeros(ends[0], AGENT)
+    load_agents(
+        capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity, radius, out
+    )
     return out
 
 

@@ -6,14 +6,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.motion import brake
 from jssa_gym.kernels.records import AGENT
+from jssa_gym.kernels.tick import take_in
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.proximity import agent_records
 from jssa_gym.types import Array, Decision, Scene, Status
 
-_FAULTS = ("", "nominal jerk is not finite", "joint state is not finite", "human measurement is not finite")
+_FAULTS = (
+    "",
+    "nominal jerk is not finite",
+    "joint state is not finite",
+    "human measurement is not finite",
+    "a human capsule was not measured",
+)
+
+
+OUTSIDE = "outside the jerk bounds"
+"""Reason of a decision that only clipped the nominal."""
 
 
 class SafetyFilter(ABC):
@@ -38,6 +48,7 @@ class SafetyFilter(ABC):
         self.lower = np.array(-robot.limits.jerk)
         self.upper = np.array(robot.limits.jerk)
         self._state = np.zeros((3, robot.n))
+        self._clipped = np.zeros(robot.n)
         self._agents = np.zeros(0, AGENT)
 
     def reset(self, scene: Scene) -> None:  # noqa: B027  # a filter without memory has nothing to reset
@@ -54,27 +65,35 @@ class SafetyFilter(ABC):
             nominal: The policy's jerk, shape (n,) float64 [rad/s³].
         """
         state, robot, human = self._state, scene.robot, scene.human
+        n = self.robot.n
         try:
+            if robot.position.shape != (n,) or scene.valid.shape != human.radius.shape:
+                raise ValueError(f"positions {robot.position.shape}, valid {scene.valid.shape}")
             state[0] = robot.position
             state[1] = robot.velocity
             state[2] = robot.acceleration
             self._agents = agents = agent_records(human, self._agents)
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, AttributeError) as error:
             return self._fault(nominal, f"the scene does not fit: {error}", readable=False)
-        fault = unsound(state, nominal, agents)
+        fault, inside = take_in(
+            state, nominal, scene.valid, self.lower, self.upper, agents, self._clipped
+        )
         if fault:
             return self._fault(nominal, _FAULTS[fault], readable=fault != 2)
-        if not scene.valid.all():
-            missing = [name for name, valid in zip(human.names, scene.valid, strict=False) if not valid]
-            return self._fault(nominal, f"not measured: {', '.join(missing)}")
-        decision = self._filter(scene, state, agents, nominal)
-        if not np.isfinite(decision.jerk).all():
+        decision = self._filter(scene, state, agents, nominal, inside)
+        if not decision.jerk.dot(decision.jerk) < np.inf:
             return self._fault(nominal, "the filter's answer is not finite")
         return decision
 
     @abstractmethod
-    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array) -> Decision:
-        """Decide on sound input; ``state`` (3, n) and ``agents`` hold the scene as the kernels read it."""
+    def _filter(
+        self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool
+    ) -> Decision:
+        """Decide on sound input.
+
+        ``state`` (3, n) and ``agents`` hold the scene as the kernels read it, ``self._clipped`` the nominal clipped
+        to the box; ``inside`` says that it lay in the box.
+        """
 
     def fallback(self, state: Array) -> Array:
         """The jerk when nothing else is known to be good: brakes as fast as the jerk bounds allow, shape (n,)."""
@@ -93,8 +112,10 @@ class SafetyFilter(ABC):
 class NoFilter(SafetyFilter):
     """Applies the nominal inside the jerk bounds: the baseline that protects nobody, but still fails closed."""
 
-    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array) -> Decision:
-        jerk = np.clip(nominal, self.lower, self.upper)
-        inside = bool((jerk == nominal).all())
-        status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, "outside the jerk bounds")
-        return Decision(jerk, nominal, status, reason, np.nan, np.nan, (-1, -1), 0.0, 0)
+    def _filter(
+        self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool
+    ) -> Decision:
+        status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, OUTSIDE)
+        return Decision(
+            self._clipped.copy(), nominal, status, reason, np.nan, np.nan, (-1, -1), 0.0, 0
+        )

@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.capsules import nearest
-from jssa_gym.kernels.index import advance, assess, exact_rows, measure_present, printed_rows
-from jssa_gym.kernels.projection import clip, violation
+from jssa_gym.kernels.index import exact_rows, measure_present, printed_rows
+from jssa_gym.kernels.projection import violation
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT
+from jssa_gym.kernels.tick import look_ahead
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import PROJECTORS
 from jssa_gym.safety.proximity import agent_records, plane_records
-from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.filter import OUTSIDE, SafetyFilter
 from jssa_gym.types import Array, CapsuleSet, Decision, HalfSpaces, Planes, Scene, Status
 
 _TOLERANCE = 1e-6
@@ -78,7 +78,6 @@ class JSSAFilter(SafetyFilter):
         self._projector = PROJECTORS[projector](robot.n, weight)
         self._index = self.index.kernel()
         self._authority = min_authority * self.index.lambda2 * self.dt
-        self._start = np.zeros(robot.n)
         self._after = np.zeros((3, robot.n))
         self._frames = np.zeros(robot.n, FRAME)
         self._segments = np.zeros(len(robot.capsules), SEGMENT)
@@ -94,16 +93,16 @@ class JSSAFilter(SafetyFilter):
         self._S = np.zeros(max(count, 1))
         self._owner = np.zeros(max(count, 1), np.int64)
 
-    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array) -> Decision:
+    def _filter(
+        self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool
+    ) -> Decision:
         humans = len(agents)
         if self.static_rows:
             agents = self._with_static(scene, agents)
         if self._pairs.shape[1] != len(agents) + len(self._planes):
             self._resize(len(agents) + len(self._planes))
-        inside = clip(nominal, self.lower, self.upper, self._start)
         if self.gradient == "printed":
             return self._printed(state, agents, nominal, inside)
-        advance(agents, self.dt)
         return self._exact(state, agents, humans, nominal, inside)
 
     def _with_static(self, scene: Scene, agents: NDArray) -> NDArray:
@@ -117,16 +116,20 @@ class JSSAFilter(SafetyFilter):
         self._all_agents[len(agents) :] = self._static_agents
         return self._all_agents
 
-    def _assess(self, state: Array, agents: NDArray, jerk: Array) -> tuple[float, int, int]:
-        return assess(
+    def _ahead(
+        self, state: Array, agents: NDArray, jerk: Array, humans: int, move: bool
+    ) -> tuple[float, int, int, float]:
+        return look_ahead(
             self.robot.links,
             self.robot.capsules,
             state,
             jerk,
             agents,
             self._planes,
+            humans,
             self.dt,
             self._index,
+            move,
             self._after,
             self._frames,
             self._segments,
@@ -155,13 +158,12 @@ class JSSAFilter(SafetyFilter):
     def _exact(
         self, state: Array, agents: NDArray, humans: int, nominal: Array, inside: bool
     ) -> Decision:
-        """Exact rows; ``agents`` already stand where they will be at the end of the step."""
-        jerk, feasible, left, rows, note = self._start, True, 0.0, 0, ""
-        worst, _, _ = self._assess(state, agents, jerk)
+        """Exact rows; ``agents`` are moved to the end of the step."""
+        jerk, feasible, left, rows, note = self._clipped, True, 0.0, 0, ""
+        worst, row, column, distance = self._ahead(state, agents, jerk, humans, True)
         if not (worst <= 0.0):
             only = -1
             if self.rows == "closest":
-                row, column, _ = nearest(self._pairs, self._pairs.shape[1])
                 only = row * self._pairs.shape[1] + column
             left = np.nan
             for attempt in range(_LINEARISATIONS + 1):
@@ -175,13 +177,12 @@ class JSSAFilter(SafetyFilter):
                     nominal, HalfSpaces(self._L[:count], self._S[:count]), self.lower, self.upper
                 )
                 jerk, feasible, note = projection.jerk, projection.feasible, projection.note
-                worst, _, _ = self._assess(state, agents, jerk)
+                worst, row, column, distance = self._ahead(state, agents, jerk, humans, False)
                 if worst <= _TOLERANCE:
                     left = max(worst, 0.0)
                     break
             if np.isnan(left) or not np.isfinite(jerk).all():
                 return self._fault(nominal, "the safety index is not a number")
-        row, column, distance = nearest(self._pairs, humans)
         return self._decision(
             nominal, jerk, inside, feasible and left <= _TOLERANCE, left, rows, note, worst, distance, (row, column)
         )
@@ -191,7 +192,7 @@ class JSSAFilter(SafetyFilter):
         row, column, distance = measure_present(
             self.robot.links, self.robot.capsules, state, agents, self._frames, self._segments, self._pairs
         )
-        jerk, feasible, left, rows, note, phi = self._start, True, 0.0, 0, "", -np.inf
+        jerk, feasible, left, rows, note, phi = self._clipped, True, 0.0, 0, "", -np.inf
         if row >= 0:
             only = row * len(agents) + column if self.rows == "closest" else -1
             count = printed_rows(
@@ -238,7 +239,7 @@ class JSSAFilter(SafetyFilter):
     ) -> Decision:
         if rows == 0 and kept:
             jerk = jerk.copy()
-            status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, "outside the jerk bounds")
+            status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, OUTSIDE)
         elif kept:
             status, reason = Status.PROJECTED, "safety rows"
         else:

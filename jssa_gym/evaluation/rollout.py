@@ -1,0 +1,100 @@
+"""One episode, recorded."""
+
+import time
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from jssa_gym.policies import Policy
+from jssa_gym.shields import SafetyFilter, Shield
+from jssa_gym.types import Array, Decision, Scene, Status, Trace
+
+
+class _Stopwatch(SafetyFilter):
+    """A filter that also measures how long its decisions take."""
+
+    def __init__(self, timed: SafetyFilter) -> None:
+        super().__init__(timed.robot, timed.dt)
+        self.timed = timed
+        self.elapsed = np.nan
+
+    def reset(self, scene: Scene) -> None:
+        self.timed.reset(scene)
+
+    def decide(self, scene: Scene, nominal: Array) -> Decision:
+        start = time.perf_counter()
+        decision = self.timed.decide(scene, nominal)
+        self.elapsed = time.perf_counter() - start
+        return decision
+
+    def _filter(self, *_: Any) -> Decision:
+        raise NotImplementedError("decide() asks the filter inside")
+
+
+def _shield_of(env: gym.Env) -> Shield | None:
+    layer: Any = env
+    while isinstance(layer, gym.Wrapper):
+        if isinstance(layer, Shield):
+            return layer
+        layer = layer.env
+    return None
+
+
+def rollout(
+    env: gym.Env,
+    policy: Policy,
+    *,
+    seed: int | None = None,
+    options: dict[str, Any] | None = None,
+    steps: int = 1000,
+    name: str = "",
+) -> Trace:
+    """Run one episode and record it.
+
+    Args:
+        env: An :class:`~jssa_gym.envs.ArmEnv`, wrapped or not. ``terminate_on=()`` runs to the horizon.
+        policy: Maps an observation to an action.
+        seed: Of the episode.
+        options: Of ``env.reset``.
+        steps: At most so many.
+        name: Of the trace.
+    """
+    base: Any = env.unwrapped
+    shield = _shield_of(env)
+    watch = None
+    if shield is not None:
+        watch = _Stopwatch(shield.filter)
+        shield.filter = watch
+    rows: dict[str, list[Any]] = {field: [] for field in Trace.__dataclass_fields__ if field not in ("name", "dt")}
+    try:
+        observation, _ = env.reset(seed=seed, options=options)
+        for _ in range(steps):
+            action = policy(observation)
+            observation, _, terminated, truncated, info = env.step(action)
+            scene, closest = base.scene, base.closest
+            decision = None if shield is None else shield.last_decision
+            rows["time"].append(scene.time)
+            rows["position"].append(scene.robot.position)
+            rows["velocity"].append(scene.robot.velocity)
+            rows["acceleration"].append(scene.robot.acceleration)
+            rows["jerk"].append(info["jerk"])
+            rows["nominal"].append(info["jerk"] if decision is None else decision.nominal)
+            rows["distance"].append(closest.distance)
+            rows["speed"].append(closest.rate)
+            rows["acceleration_of_distance"].append(closest.curvature)
+            rows["pair"].append((closest.robot, closest.human))
+            rows["contact"].append(info["contact"])
+            rows["contact_speed"].append(info["contact_speed"])
+            rows["status"].append(info.get("shield/status", int(Status.NOMINAL)))
+            rows["intervened"].append(info.get("shield/intervened", False))
+            rows["phi"].append(info.get("shield/phi", np.nan))
+            rows["shield_time"].append(np.nan if watch is None else watch.elapsed)
+            rows["human_start"].append(scene.human.start)
+            rows["human_end"].append(scene.human.end)
+            if terminated or truncated:
+                break
+    finally:
+        if shield is not None and watch is not None:
+            shield.filter = watch.timed
+    return Trace(name=name, dt=base.dt, **{field: np.array(values) for field, values in rows.items()})

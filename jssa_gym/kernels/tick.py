@@ -1,0 +1,116 @@
+"""Whole control steps in one call each: what an environment and a filter do in every tick."""
+
+
+from jssa_gym.kernels.capsules import nearest
+from jssa_gym.kernels.chain import tool_motion
+from jssa_gym.kernels.contact import observe, unsound
+from jssa_gym.kernels.index import advance, assess
+from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.motion import integrate, violates
+from jssa_gym.kernels.projection import clip
+
+
+@jit
+def load_agents(start, end, start_velocity, end_velocity, radius, agents):
+    """Capsules as separate arrays into records."""
+    for j in range(radius.shape[0]):
+        agent = agents[j]
+        for k in range(3):
+            agent["start"][k] = start[j, k]
+            agent["end"][k] = end[j, k]
+            agent["start_velocity"][k] = start_velocity[j, k]
+            agent["end_velocity"][k] = end_velocity[j, k]
+        agent["radius"] = radius[j]
+
+
+@jit
+def tick(
+    links,
+    capsules,
+    tool_link,
+    tool_offset,
+    before,
+    jerk,
+    dt,
+    bounds,
+    tolerance,
+    agents,
+    index,
+    after,
+    frames,
+    segments,
+    pairs,
+    near,
+    parts,
+    tip,
+):
+    """Move the arm by one step of Eq. (1) and look at it beside the agents, which have moved already.
+
+    Arguments as of :func:`~jssa_gym.kernels.motion.integrate`, :func:`~jssa_gym.kernels.contact.observe`,
+    :func:`~jssa_gym.kernels.chain.tool_motion` and :func:`~jssa_gym.kernels.motion.violates`.
+
+    Returns:
+        Row and column of the closest pair, speed of the tool centre point [m/s], whether a limit is exceeded.
+    """
+    integrate(before, jerk, dt, after)
+    row, column = observe(links, capsules, after, agents, index, frames, segments, pairs, near, parts)
+    speed = tool_motion(frames, tool_link, tool_offset, tip)
+    return row, column, speed, violates(after, jerk, bounds, tolerance)
+
+
+@jit
+def fill_observation(state, middle, tip, mount, near, parts, goal, gain, low, high, out):
+    """Scaled and clipped observation, in the order of the feature table: arm, tip, people, goal."""
+    n, k = state.shape[1], 0
+    for i in range(n):
+        out[i] = state[0, i] - middle[i]
+        out[n + i] = state[1, i]
+        out[2 * n + i] = state[2, i]
+    k = 3 * n
+    for i in range(3):
+        out[k + i] = tip[0, i] - mount[i]
+        out[k + 3 + i] = near[4 + i]
+        out[k + 6 + i] = near[7 + i] - mount[i]
+        out[k + 9 + i] = near[10 + i]
+    k += 12
+    for i in range(parts.shape[0]):
+        out[k + i] = parts[i]
+    k += parts.shape[0]
+    for i in range(goal.shape[0]):
+        out[k + i] = goal[i]
+    for i in range(out.shape[0]):
+        # min and max in float64, so that a bound is met exactly after rounding
+        out[i] = min(max(out[i] * gain[i], low[i]), high[i])
+
+
+@jit
+def take_in(state, nominal, valid, lower, upper, agents, clipped):
+    """Check a filter's input and clip the nominal to the box.
+
+    Returns:
+        A fault code (0 none, 1 nominal, 2 joint state, 3 agents not finite, 4 an agent not measured), and whether
+        the nominal lies in the box.
+    """
+    fault = unsound(state, nominal, agents)
+    for j in range(valid.shape[0]):
+        if fault == 0 and not valid[j]:
+            fault = 4
+    return fault, clip(nominal, lower, upper, clipped)
+
+
+@jit
+def look_ahead(
+    links, capsules, state, jerk, agents, planes, humans, dt, index, move, after, frames, segments, pairs
+):
+    """:func:`~jssa_gym.kernels.index.assess`, moving the agents to the end of the step first if asked to.
+
+    Returns:
+        The largest index [m²]; row, column and distance of the closest pair among the first ``humans`` agents.
+    """
+    if move:
+        advance(agents, dt)
+    worst, _, _ = assess(
+        links, capsules, state, jerk, agents, planes, dt, index, after, frames, segments, pairs
+    )
+    row, column, distance = nearest(pairs, humans)
+    return worst, row, column, distance
