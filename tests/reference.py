@@ -108,14 +108,10 @@ def point(chain: Chain, q: ArrayLike, link: int, local: ArrayLike) -> Array:
 # --------------------------------------------------------------------------------------------
 
 
-def _series_product(
-    left: Array, right: Array, multiply: Callable[[Array, Array], Array] = np.multiply
-) -> Array:
+def _series_product(left: Array, right: Array, multiply: Callable[[Array, Array], Array] = np.multiply) -> Array:
     """Truncated product of two polynomials whose coefficients are combined by `multiply`."""
     length = len(left)
-    return np.array(
-        [sum(multiply(left[i], right[power - i]) for i in range(power + 1)) for power in range(length)]
-    )
+    return np.array([sum(multiply(left[i], right[power - i]) for i in range(power + 1)) for power in range(length)])
 
 
 def _series_sin_cos(angle: Array) -> tuple[Array, Array]:
@@ -188,16 +184,12 @@ def point_velocity(chain: Chain, q: ArrayLike, qd: ArrayLike, link: int, local: 
     return point_motion(chain, q, qd, zero, zero, link, local)[1]
 
 
-def point_acceleration(
-    chain: Chain, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, link: int, local: ArrayLike
-) -> Array:
+def point_acceleration(chain: Chain, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, link: int, local: ArrayLike) -> Array:
     """J qdd + J' qd (3,) [m/s^2]."""
     return point_motion(chain, q, qd, qdd, np.zeros(len(chain)), link, local)[2]
 
 
-def point_drift(
-    chain: Chain, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, link: int, local: ArrayLike
-) -> Array:
+def point_drift(chain: Chain, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, link: int, local: ArrayLike) -> Array:
     """J'' qd + 2 J' qdd (3,) [m/s^3], Eq. (10)-(11): the jerk of the point at zero joint jerk."""
     return point_motion(chain, q, qd, qdd, np.zeros(len(chain)), link, local)[3]
 
@@ -220,9 +212,7 @@ def _project_on_segment(target: Array, start: Array, end: Array) -> float:
     return min(1.0, max(0.0, float((target - start) @ direction) / squared_length))
 
 
-def segment_distance(
-    a0: ArrayLike, a1: ArrayLike, b0: ArrayLike, b1: ArrayLike
-) -> tuple[float, float, float]:
+def segment_distance(a0: ArrayLike, a1: ArrayLike, b0: ArrayLike, b1: ArrayLike) -> tuple[float, float, float]:
     """Distance [m] of two segments and the parameters (s, r) in [0, 1] of a closest pair.
 
     End points: (3,) [m].  The closest points are a0 + s (a1 - a0) and b0 + r (b1 - b0).  The
@@ -264,9 +254,7 @@ def capsule_distance(
     return segment_distance(a0, a1, b0, b1)[0] - (a_radius + b_radius)
 
 
-def plane_distance(
-    start: ArrayLike, end: ArrayLike, radius: float, normal: ArrayLike, offset: float
-) -> float:
+def plane_distance(start: ArrayLike, end: ArrayLike, radius: float, normal: ArrayLike, offset: float) -> float:
     """Signed distance [m] of a capsule from the half-space {x: normal.x <= offset}.
 
     normal: (3,) unit vector.  min over both ends of normal.p - offset, minus the radius.
@@ -580,9 +568,7 @@ def phi_times_distance(delta: ArrayLike, d_min: float, lambda1: float, lambda2: 
     """phi d of Eq. (13) [m^3] for a relative state delta (9,): the expression before `approx`."""
     delta = _array(delta)
     q1, q2, q3, q4 = (float(delta @ matrix @ delta) for matrix in (U1, U2, U3, U4))
-    return (
-        d_min**2 * math.sqrt(q1) - q1**1.5 - lambda1 * q2 - lambda2 * (-((q2 / math.sqrt(q1)) ** 2) + q3 + q4)
-    )
+    return d_min**2 * math.sqrt(q1) - q1**1.5 - lambda1 * q2 - lambda2 * (-((q2 / math.sqrt(q1)) ** 2) + q3 + q4)
 
 
 def printed_row(

@@ -43,8 +43,7 @@ def arm_xml(rng, layout):
     opened, joint = [], 0
     for body, joints in enumerate(layout):
         lines = [
-            f'<body name="body{body}" pos="{numbers(0.3 * rng.normal(size=3))}" '
-            f'quat="{numbers(rng.normal(size=4))}">',
+            f'<body name="body{body}" pos="{numbers(0.3 * rng.normal(size=3))}" quat="{numbers(rng.normal(size=4))}">',
             '<geom type="sphere" size=".02" group="2"/>',
         ]
         for _ in range(joints):
@@ -86,9 +85,7 @@ class Arm:
         self.sim = mujoco.MjModel.from_xml_path(str(path))
         self.data = mujoco.MjData(self.sim)
         n = self.sim.nq
-        self.robot = robot or RobotModel.from_mjcf(
-            path, velocity=np.ones(n), acceleration=np.ones(n), jerk=np.ones(n)
-        )
+        self.robot = robot or RobotModel.from_mjcf(path, velocity=np.ones(n), acceleration=np.ones(n), jerk=np.ones(n))
         self.geoms = [self.sim.geom(name).id for name in self.robot.capsule_names]
 
     @property
@@ -111,9 +108,7 @@ class Arm:
 
     def geom_ends(self, geom):
         """Ends of a capsule from MuJoCo's own pose, the end on +z first."""
-        half = (
-            self.sim.geom_size[geom, 1] if self.sim.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
-        )
+        half = self.sim.geom_size[geom, 1] if self.sim.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
         z = half * self.data.geom_xmat[geom].reshape(3, 3)[:, 2]
         return self.data.geom_xpos[geom] + z, self.data.geom_xpos[geom] - z
 

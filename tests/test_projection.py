@@ -413,9 +413,7 @@ def problems():
     yield "six rows in conflict", (nominal, np.vstack([L, -L[:1]]), np.full(6, 0.2), -wide, wide, full)
 
 
-PROBLEMS = {
-    name: tuple(None if x is None else np.asarray(x, float) for x in problem) for name, problem in problems()
-}
+PROBLEMS = {name: tuple(None if x is None else np.asarray(x, float) for x in problem) for name, problem in problems()}
 
 
 @pytest.mark.filterwarnings(OSQP_WARNING)

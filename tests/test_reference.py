@@ -108,9 +108,7 @@ def test_point_motion_against_interpolation_of_positions():
         q, qd, qdd, u = rng.normal(size=(4, 5)) * np.array([[1.0], [1.0], [3.0], [10.0]])
         local = 0.1 * rng.normal(size=3)
         motion = ref.point_motion(chain, q, qd, qdd, u, 5, local)
-        track = [
-            ref.point(chain, q + qd * t + qdd * t**2 / 2 + u * t**3 / 6, 5, local) for t in reach * nodes
-        ]
+        track = [ref.point(chain, q + qd * t + qdd * t**2 / 2 + u * t**3 / 6, 5, local) for t in reach * nodes]
         series = chebyshev.chebfit(nodes, np.array(track), count - 1)
         for order, tolerance in enumerate((1e-14, 1e-11, 1e-9, 1e-7)):
             derivative = chebyshev.chebval(0.0, chebyshev.chebder(series, order)) / reach**order
@@ -129,8 +127,7 @@ def test_jacobian_and_drift_are_consistent():
         assert not np.any(J[:, link:])
         differences = np.column_stack(
             [
-                (ref.point(chain, q + 1e-6 * e, link, local) - ref.point(chain, q - 1e-6 * e, link, local))
-                / 2e-6
+                (ref.point(chain, q + 1e-6 * e, link, local) - ref.point(chain, q - 1e-6 * e, link, local)) / 2e-6
                 for e in np.eye(5)
             ]
         )
@@ -215,9 +212,7 @@ def test_material_derivatives_against_differences():
         still = np.zeros((3, 3))
         moving = np.array([p, v, a])
         expected = ref.sliding_derivatives_by_differences(moving, moving, still, still)
-        np.testing.assert_allclose(
-            ref.material_distance_derivatives(p, v, a), expected[:3], rtol=1e-8, atol=1e-8
-        )
+        np.testing.assert_allclose(ref.material_distance_derivatives(p, v, a), expected[:3], rtol=1e-8, atol=1e-8)
 
 
 def test_sliding_derivatives_against_differences():

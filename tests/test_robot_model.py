@@ -84,9 +84,7 @@ def arm_xml(joints='<joint name="one"/>', inside="", geom='<geom name="tube" {}/
 def read(tmp_path, xml, **limits):
     path = tmp_path / "tiny.xml"
     path.write_text(xml)
-    return RobotModel.from_mjcf(
-        path, **({"velocity": [1, 2], "acceleration": [3, 4], "jerk": [5, 6]} | limits)
-    )
+    return RobotModel.from_mjcf(path, **({"velocity": [1, 2], "acceleration": [3, 4], "jerk": [5, 6]} | limits))
 
 
 def at(robot, q):
@@ -121,9 +119,7 @@ def test_masses_are_the_manufacturer_s():
         mujoco.mju_quat2Mat(axes, body.iquat)
         axes = axes.reshape(3, 3)
         inertia = axes @ np.diag(body.inertia) @ axes.T
-        np.testing.assert_allclose(
-            inertia, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], rtol=0, atol=1e-9 + 1e-6 * xx
-        )
+        np.testing.assert_allclose(inertia, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], rtol=0, atol=1e-9 + 1e-6 * xx)
 
 
 @pytest.mark.parametrize("name", LIMITS_DEG)
@@ -161,9 +157,7 @@ def test_home_and_tool():
     ):
         frames = at(robot, q)
         last = frames[5]
-        np.testing.assert_allclose(
-            last["origin"] + last["rotation"] @ [0.08, 0, 0], flange, rtol=0, atol=1e-12
-        )
+        np.testing.assert_allclose(last["origin"] + last["rotation"] @ [0.08, 0, 0], flange, rtol=0, atol=1e-12)
         frame = frames[robot.tool_link]
         reached = frame["origin"] + frame["rotation"] @ robot.tool_offset
         np.testing.assert_allclose(reached, tool, rtol=0, atol=1e-12)
@@ -345,18 +339,14 @@ def test_wrong_limits_are_refused_by_name(tmp_path, name, bad):
         read(tmp_path, arm_xml(), **{name: bad})
 
 
-@pytest.mark.parametrize(
-    "bad", [[[1.0, -1.0]], [[1.0, 1.0]], [[np.nan, 1.0]], [-1.0, 1.0], [[-1.0, 0.0, 1.0]]]
-)
+@pytest.mark.parametrize("bad", [[[1.0, -1.0]], [[1.0, 1.0]], [[np.nan, 1.0]], [-1.0, 1.0], [[-1.0, 0.0, 1.0]]])
 def test_wrong_position_limits_are_refused(bad):
     """An empty range of positions leaves no place to be."""
     with pytest.raises(RobotModelError, match="position limit"):
         JointLimits(np.array(bad), np.ones(1), np.ones(1), np.ones(1))
 
 
-@pytest.mark.xfail(
-    strict=True, reason="JointLimits: the docstring refuses what is not finite, positions pass"
-)
+@pytest.mark.xfail(strict=True, reason="JointLimits: the docstring refuses what is not finite, positions pass")
 @pytest.mark.parametrize("bad", [[[-np.inf, 1.0]], [[-1.0, np.inf]]])
 def test_infinite_position_limits_are_refused(bad):
     """A joint without an end has no position limit to keep, and no home in the middle."""

@@ -15,11 +15,9 @@ from jssa_gym.envs.world import SCENES, World, planes_of
 from jssa_gym.exceptions import DisplayError, InvalidActionError, ParameterError
 from jssa_gym.headless import has_display
 from jssa_gym.humans import HumanMotion, make_human, nobody
-from jssa_gym.kernels.chain import tool_motion
 from jssa_gym.kernels.compiled import announce_compilation
-from jssa_gym.kernels.contact import observe
 from jssa_gym.kernels.motion import scale_action
-from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, records
 from jssa_gym.kernels.tick import fill_observation, tick
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l, make_robot
 from jssa_gym.safety.action import checked_action
@@ -77,7 +75,7 @@ def arm_features(robot: RobotModel, parts: int) -> tuple[Feature, ...]:
 
 
 class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    metadata: ClassVar[dict[str, Any]] = {  # ty: ignore[invalid-type-form]
+    metadata: ClassVar[dict[str, Any]] = {
         "render_modes": ["rgb_array", "human"] if has_display() else ["rgb_array"],
         "render_fps": round(1.0 / DT),
     }
@@ -125,16 +123,16 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
         self._middle = limits.position.mean(axis=1)
         self._mount = np.array(self.robot.mount)
-        self._index = IndexParams(d_min=d_min).kernel()
-        self._frames, self._segments = np.zeros(n, FRAME), np.zeros(len(self.robot.capsules), SEGMENT)
-        self._agents, self._pairs = np.zeros(0, AGENT), np.zeros((len(self.robot.capsules), 0), PAIR)
+        self._zero = np.zeros(n)
+        self._parameters = IndexParams(d_min=d_min).array()
+        self._frames, self._segments = records(n, FRAME), records(len(self.robot.capsules), SEGMENT)
+        self._agents, self._pairs = records(0, AGENT), records((len(self.robot.capsules), 0), PAIR)
+        self._age, self._valid = np.zeros(0), np.ones(0, np.bool_)
         self._near, self._tip = np.zeros(13), np.zeros((2, 3))
         parts = len(self._rehearsal(self.human).radius) // max(self.human.people, 1)
         self._parts = np.zeros(max(parts, 1))
         self._static = nobody()
-        self._observation = Observation(
-            (*arm_features(self.robot, max(parts, 1)), *self.task.features(self.robot))
-        )
+        self._observation = Observation((*arm_features(self.robot, max(parts, 1)), *self.task.features(self.robot)))
         self.observation_space = self._observation.space
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
         self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
@@ -224,14 +222,16 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if start is not None:
             start = np.array(start, dtype=np.float64)
             if start.shape != (2,) or not np.all(np.isfinite(start)):
-                raise ParameterError(f"human_start has to be a point (x, y) on the floor, got {options['human_start']!r}")
+                raise ParameterError(
+                    f"human_start has to be a point (x, y) on the floor, got {options['human_start']!r}"
+                )
         if options.get("goal") is not None:
             goal = self.task.check_goal(options["goal"], self.robot)
         else:
             goal = self.task.draw_goal(self.np_random, self.robot, self.planes)
         for _ in range(100):
             self._begin(position, goal, self.human.reset(self.np_random, start))
-            self._look()
+            self._look(self._state, self._zero, 0.0)
             # nobody begins within reach of contact, unless the user puts them there
             if self._near[0] >= _START_CLEARANCE or start is not None:
                 break
@@ -258,38 +258,50 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         n = self.robot.n
         self._state = np.array([position, np.zeros(n), np.zeros(n)])
         self._actual = self._state
-        self._goal, self._people = goal, people
+        self._goal = goal
         self._time, self._steps, self._held = 0.0, 0, 0
-        self._scene = None
-        m = len(people.radius)
-        self._age, self._valid = np.zeros(m), np.ones(m, np.bool_)
+        self._take_people(people)
         self._closest = (-1, -1)
         self._tip_speed = 0.0
 
-    def _look(self) -> None:
-        """Measure the arm against the people: closest pair, contacts, tool centre point."""
-        robot, people = self.robot, self._people
-        self._agents = agent_records(people, self._agents)
-        if self._pairs.shape[1] != len(self._agents):
-            self._pairs = np.zeros((len(self._segments), len(self._agents)), PAIR)
-        row, column = observe(
+    def _look(self, before: Array, jerk: Array, dt: float) -> tuple[Array, bool]:
+        """Move a joint state on and measure the arm against the people as they are now.
+
+        Returns:
+            The joint state after ``dt``, shape (3, n), and whether it or the jerk exceeds a limit.
+        """
+        robot, after = self.robot, np.empty_like(before)
+        row, column, self._tip_speed, violation = tick(
             robot.links,
             robot.capsules,
-            self._actual,
+            robot.tool_link,
+            robot.tool_offset,
+            before,
+            jerk,
+            dt,
+            self._bounds,
+            _LIMIT_TOLERANCE,
             self._agents,
-            self._index,
+            self._parameters,
+            after,
             self._frames,
             self._segments,
             self._pairs,
             self._near,
             self._parts,
+            self._tip,
         )
         self._closest = (row, column)
-        self._tip_speed = tool_motion(self._frames, robot.tool_link, robot.tool_offset, self._tip)
+        return after, violation
 
-    def step(
-        self, action: Any
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def _take_people(self, people: CapsuleSet) -> None:
+        self._people, self._scene = people, None
+        self._agents = agent_records(people, self._agents)
+        if self._pairs.shape[1] != len(self._agents):
+            self._age, self._valid = np.zeros(len(self._agents)), np.ones(len(self._agents), np.bool_)
+            self._pairs = records((len(self._segments), len(self._agents)), PAIR)
+
+    def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Apply a joint jerk for one control step.
 
         Args:
@@ -302,39 +314,15 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         jerk = np.empty(self.robot.n)
         if not scale_action(fraction, self._jerk_bound, jerk):
             raise InvalidActionError(f"an action has to be finite, got {action!r}")
-        people = self.human.step(self.dt, self.robot_capsules if self.human.reacts else self._static)
-        self._people, self._scene = people, None
-        self._agents = agent_records(people, self._agents)
+        self._take_people(self.human.step(self.dt, self.robot_capsules if self.human.reacts else self._static))
         self._steps += 1
         self._time = self._steps * self.dt
-        if len(self._agents) != len(self._valid):
-            self._age, self._valid = np.zeros(len(self._agents)), np.ones(len(self._agents), np.bool_)
-            self._pairs = np.zeros((len(self._segments), len(self._agents)), PAIR)
-        robot, near, before, after = self.robot, self._near, self._state, np.empty_like(self._state)
-        row, column, self._tip_speed, violation = tick(
-            robot.links,
-            robot.capsules,
-            robot.tool_link,
-            robot.tool_offset,
-            before,
-            jerk,
-            self.dt,
-            self._bounds,
-            _LIMIT_TOLERANCE,
-            self._agents,
-            self._index,
-            after,
-            self._frames,
-            self._segments,
-            self._pairs,
-            near,
-            self._parts,
-            self._tip,
-        )
-        self._closest, self._state, self._actual = (row, column), after, after
+        before, near = self._state, self._near
+        self._state, violation = self._look(before, jerk, self.dt)
+        self._actual = self._state
         if self.dynamics == "servo":
-            self._actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
-            self._look()
+            actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
+            self._actual, _ = self._look(actual, self._zero, 0.0)
 
         distance = float(near[0])
         moving = float(near[3]) > MOVING

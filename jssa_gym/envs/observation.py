@@ -51,7 +51,7 @@ class Observation:
     @property
     def space(self) -> spaces.Box:
         """Its bounds, float32."""
-        return spaces.Box(self.low.astype(np.float32), self.high.astype(np.float32))
+        return spaces.Box(self.low.astype(np.float32), self.high.astype(np.float32), dtype=np.float32)
 
 
 def feature_table(features: Sequence[Feature]) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from jssa_gym.envs.observation import FAR, Feature
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.chain import forward, tool_motion
-from jssa_gym.kernels.records import FRAME
+from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes
@@ -102,9 +102,7 @@ class Home(Task):
 
     def features(self, robot: RobotModel) -> tuple[Feature, ...]:
         span = robot.limits.position[:, 1] - robot.limits.position[:, 0]
-        return (
-            Feature("goal", robot.n, tuple(span.tolist()), -1.0, 1.0, "home minus joint position / range"),
-        )
+        return (Feature("goal", robot.n, tuple(span.tolist()), -1.0, 1.0, "home minus joint position / range"),)
 
     def draw_goal(self, rng: np.random.Generator, robot: RobotModel, planes: Planes) -> Array:
         return np.array(robot.home)
@@ -172,7 +170,7 @@ class Reach(Task):
 
 
 def _tip(robot: RobotModel, posture: Array) -> Array:
-    frames, out = np.zeros(robot.n, FRAME), np.zeros((2, 3))
+    frames, out = records(robot.n, FRAME), np.zeros((2, 3))
     forward(robot.links, np.array([posture, np.zeros(robot.n), np.zeros(robot.n)]), frames)
     tool_motion(frames, robot.tool_link, robot.tool_offset, out)
     return out[0]

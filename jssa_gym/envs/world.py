@@ -138,9 +138,7 @@ class World:
                 raise DisplayError("no display for a window; use render_mode='rgb_array'")
             import mujoco.viewer
 
-            self._window = mujoco.viewer.launch_passive(
-                self.model, self.data, show_left_ui=False, show_right_ui=False
-            )
+            self._window = mujoco.viewer.launch_passive(self.model, self.data, show_left_ui=False, show_right_ui=False)
             self._window.opt.geomgroup[3] = 0
             with self._window.lock():
                 for name in ("azimuth", "elevation", "distance"):
@@ -306,13 +304,9 @@ def _decorate(spec: "mujoco.MjSpec", scene: str, pretty: bool, width: int, heigh
         )
 
     def box(size: list[float], pos: list[float], material: str) -> None:
-        world.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=pos, material=material, contype=0, conaffinity=0
-        )
+        world.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=pos, material=material, contype=0, conaffinity=0)
 
-    world.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], material="floor", contype=0, conaffinity=0
-    )
+    world.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], material="floor", contype=0, conaffinity=0)
     if scene == "table":
         box([0.34, 0.40, 0.02], [0.03, 0.0, TABLE_HEIGHT - 0.02], "table_top")
         box([0.30, 0.36, (TABLE_HEIGHT - 0.04) / 2.0], [0.03, 0.0, (TABLE_HEIGHT - 0.04) / 2.0], "table_body")

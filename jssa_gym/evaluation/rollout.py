@@ -5,6 +5,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.policies import Policy
 from jssa_gym.shields import SafetyFilter, Shield
@@ -28,7 +29,7 @@ class _Stopwatch(SafetyFilter):
         self.elapsed = time.perf_counter() - start
         return decision
 
-    def _filter(self, *_: Any) -> Decision:
+    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         raise NotImplementedError("decide() asks the filter inside")
 
 

@@ -74,9 +74,7 @@ class Walk(HumanMotion):
         root, heading = self._begin(rng, None if start is None else np.asarray(start, float))
         self._root = (float(root[0]), float(root[1]))
         if math.hypot(*self._root) < CLEARANCE - 1e-9:
-            raise ParameterError(
-                f"a person's root has to keep {CLEARANCE} m from the base axis, got {self._root}"
-            )
+            raise ParameterError(f"a person's root has to keep {CLEARANCE} m from the base axis, got {self._root}")
         self._body = Body.facing(heading, person)
         self._velocity = self._next_velocity()
         return self._body.at(self._root, self._velocity)
@@ -166,7 +164,9 @@ class ApproachRetreat(Walk):
         if not self.nearest[1] < self.start < np.inf:
             raise ParameterError(f"start has to be beyond nearest {self.nearest}, got {start!r}")
         self.side = _range("side", side, -np.inf)
-        self.speed, self.wait, self.stay = (_range(n, r) for n, r in zip(("speed", "wait", "stay"), (speed, wait, stay), strict=True))
+        self.speed, self.wait, self.stay = (
+            _range(n, r) for n, r in zip(("speed", "wait", "stay"), (speed, wait, stay), strict=True)
+        )
         self.speed_bound = self.speed[1]
 
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
@@ -215,7 +215,9 @@ class RandomWalk(Walk):
         self._low, self._high = np.array([_range("region", r, -np.inf) for r in region]).T
         nearest = np.hypot(*np.clip(np.zeros(2), self._low, self._high))
         if nearest < CLEARANCE:
-            raise ParameterError(f"region has to keep {CLEARANCE} m from the base axis, it comes within {nearest:.2f} m")
+            raise ParameterError(
+                f"region has to keep {CLEARANCE} m from the base axis, it comes within {nearest:.2f} m"
+            )
 
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
         self._rng = rng

@@ -83,9 +83,7 @@ def unsound(state, nominal, agents):
     for j in range(agents.shape[0]):
         agent = agents[j]
         for k in range(3):
-            total = (
-                agent["start"][k] + agent["end"][k] + agent["start_velocity"][k] + agent["end_velocity"][k]
-            )
+            total = agent["start"][k] + agent["end"][k] + agent["start_velocity"][k] + agent["end_velocity"][k]
             if not np.isfinite(total):
                 return 3
         if not (agent["radius"] >= 0.0):

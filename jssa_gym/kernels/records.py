@@ -4,7 +4,10 @@ Arrays of records cost one argument each, and their type does not depend on the 
 one compiled kernel serves every robot. All lengths in metres, angles in radians, times in seconds.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 _V = (np.float64, 3)
 
@@ -18,9 +21,7 @@ LINK = np.dtype(
 )
 """Constant geometry of one joint and the link behind it."""
 
-CAPSULE = np.dtype(
-    [("start", *_V), ("end", *_V), ("radius", np.float64), ("link", np.int64)], align=True
-)
+CAPSULE = np.dtype([("start", *_V), ("end", *_V), ("radius", np.float64), ("link", np.int64)], align=True)
 """A capsule fixed to a link, in that link's frame."""
 
 AGENT = np.dtype(
@@ -79,3 +80,8 @@ PAIR = np.dtype(
     align=True,
 )
 """A robot capsule against an agent."""
+
+
+def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Zeroed records of one of the types above."""
+    return np.zeros(shape, dtype)

@@ -1,13 +1,14 @@
 """Whole control steps in one call each: what an environment and a filter do in every tick."""
 
+import numpy as np
 
 from jssa_gym.kernels.capsules import nearest
 from jssa_gym.kernels.chain import tool_motion
 from jssa_gym.kernels.contact import observe, unsound
-from jssa_gym.kernels.index import advance, assess
+from jssa_gym.kernels.index import advance, assess, exact_rows, index_of
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import integrate, violates
-from jssa_gym.kernels.projection import clip
+from jssa_gym.kernels.projection import clip, violation
 
 
 @jit
@@ -35,7 +36,7 @@ def tick(
     bounds,
     tolerance,
     agents,
-    index,
+    parameters,
     after,
     frames,
     segments,
@@ -53,6 +54,7 @@ def tick(
         Row and column of the closest pair, speed of the tool centre point [m/s], whether a limit is exceeded.
     """
     integrate(before, jerk, dt, after)
+    index = index_of(parameters)
     row, column = observe(links, capsules, after, agents, index, frames, segments, pairs, near, parts)
     speed = tool_motion(frames, tool_link, tool_offset, tip)
     return row, column, speed, violates(after, jerk, bounds, tolerance)
@@ -100,17 +102,54 @@ def take_in(state, nominal, valid, lower, upper, agents, clipped):
 
 @jit
 def look_ahead(
-    links, capsules, state, jerk, agents, planes, humans, dt, index, move, after, frames, segments, pairs
+    links,
+    capsules,
+    state,
+    jerk,
+    agents,
+    planes,
+    humans,
+    dt,
+    parameters,
+    move,
+    after,
+    frames,
+    segments,
+    pairs,
+    owner,
+    rows,
 ):
     """:func:`~jssa_gym.kernels.index.assess`, moving the agents to the end of the step first if asked to.
 
     Returns:
-        The largest index [m²]; row, column and distance of the closest pair among the first ``humans`` agents.
+        The largest index [m²]; the largest of the pairs ``owner[:rows]`` [m²]; row, column and distance of the
+        closest pair among the first ``humans`` agents.
     """
     if move:
         advance(agents, dt)
-    worst, _, _ = assess(
-        links, capsules, state, jerk, agents, planes, dt, index, after, frames, segments, pairs
-    )
+    index = index_of(parameters)
+    worst, _, _ = assess(links, capsules, state, jerk, agents, planes, dt, index, after, frames, segments, pairs)
+    kept = -np.inf
+    for k in range(rows):
+        i, j = owner[k] // pairs.shape[1], owner[k] % pairs.shape[1]
+        phi = pairs[i, j]["phi"]
+        if not (phi <= kept):
+            kept = phi
     row, column, distance = nearest(pairs, humans)
-    return worst, row, column, distance
+    return worst, kept, row, column, distance
+
+
+@jit
+def rows_ahead(
+    frames, segments, agents, planes, pairs, jerk, lower, upper, dt, parameters, only, authority, L, S, owner
+):
+    """:func:`~jssa_gym.kernels.index.exact_rows` after :func:`look_ahead` at the same jerk.
+
+    Returns:
+        The number of rows, and their largest violation at ``jerk`` [m²].
+    """
+    index = index_of(parameters)
+    count = exact_rows(
+        frames, segments, agents, planes, pairs, jerk, lower, upper, dt, index, only, authority, L, S, owner
+    )
+    return count, violation(L, S, count, jerk)

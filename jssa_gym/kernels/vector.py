@@ -34,7 +34,7 @@ def scale(a, k):
 
 @jit
 def along(a, b, k):
-    """a + k (b - a): the point at fraction k of the way from a to b."""
+    """A + k (b - a): the point at fraction k of the way from a to b."""
     return (a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1]), a[2] + k * (b[2] - a[2]))
 
 

@@ -48,10 +48,11 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
         raise ParameterError(
             f"unknown robot {str(robot)!r}; valid: a RobotModel, an MJCF file, or one of {', '.join(ROBOTS)}"
         )
-    return RobotModel.from_mjcf(path, **_limits_beside(path))
+    velocity, acceleration, jerk = _limits_beside(path)
+    return RobotModel.from_mjcf(path, velocity=velocity, acceleration=acceleration, jerk=jerk)
 
 
-def _limits_beside(path: Path) -> dict[str, Array]:
+def _limits_beside(path: Path) -> tuple[Array, Array, Array]:
     beside = path.with_suffix(".limits.toml")
     if not beside.is_file():
         raise RobotModelError(f"no {beside.name} beside {path.name} with its velocity, acceleration, jerk limits")
@@ -64,4 +65,5 @@ def _limits_beside(path: Path) -> dict[str, Array]:
     if missing or table.get("unit") not in ("deg", "rad"):
         raise RobotModelError(f"{beside.name} needs velocity, acceleration, jerk, and unit = 'deg' or 'rad'")
     factor = np.pi / 180.0 if table["unit"] == "deg" else 1.0
-    return {name: factor * np.asarray(table[name], float) for name in names}
+    velocity, acceleration, jerk = (factor * np.asarray(table[name], float) for name in names)
+    return velocity, acceleration, jerk

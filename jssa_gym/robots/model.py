@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import RobotModelError
 from jssa_gym.headless import choose_gl_backend
-from jssa_gym.kernels.records import CAPSULE, LINK
+from jssa_gym.kernels.records import CAPSULE, LINK, records
 from jssa_gym.types import Array
 
 if TYPE_CHECKING:
@@ -145,7 +145,9 @@ class RobotModel:
 
         joints = _serial_joints(model)
         links, anchors = _links(model, joints)
-        limits = JointLimits(np.array([model.jnt_range[j] for j in joints]), velocity, acceleration, jerk)
+        limits = JointLimits(
+            _frozen([model.jnt_range[j] for j in joints]), _frozen(velocity), _frozen(acceleration), _frozen(jerk)
+        )
         link_of_body = _link_of_body(model, joints)
         capsules, names, bodies = _capsules(model, link_of_body, anchors)
         tool_link, tool_offset = _tool(model, tool_site, link_of_body, anchors)
@@ -224,7 +226,7 @@ def _links(model: "mujoco.MjModel", joints: list[int]) -> tuple[NDArray, list[Ar
     """Chain records, and the joint anchors in their body frames: a link frame sits on its joint's anchor."""
     import mujoco
 
-    links, anchors = np.zeros(len(joints), LINK), []
+    links, anchors = records(len(joints), LINK), []
     body, anchor = 0, np.zeros(3)
     for i, j in enumerate(joints):
         rotation, position = _pose(model, model.jnt_bodyid[j], body)
@@ -248,9 +250,7 @@ def _link_of_body(model: "mujoco.MjModel", joints: list[int]) -> dict[int, int]:
     return carriers
 
 
-def _carried_to(
-    model: "mujoco.MjModel", body: int, link: int, anchors: list[Array], point: Array
-) -> Array:
+def _carried_to(model: "mujoco.MjModel", body: int, link: int, anchors: list[Array], point: Array) -> Array:
     """A point of a body in the frame of the link that carries it."""
     rotation, position = _pose(model, body, model.jnt_bodyid[link])
     return position + rotation @ point - anchors[link]
@@ -293,9 +293,7 @@ def _capsules(
     return np.array(rows, CAPSULE), tuple(names), bodies
 
 
-def _tool(
-    model: "mujoco.MjModel", site: str, link_of_body: dict[int, int], anchors: list[Array]
-) -> tuple[int, Array]:
+def _tool(model: "mujoco.MjModel", site: str, link_of_body: dict[int, int], anchors: list[Array]) -> tuple[int, Array]:
     for s in range(model.nsite):
         if model.site(s).name == site:
             body = int(model.site_bodyid[s])

@@ -3,8 +3,11 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.index import Index
+from jssa_gym.types import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +28,7 @@ class IndexParams:
     """[m·s]."""
     lambda2: float = 0.39
     """[m·s²]."""
-    sliding: bool = True
+    sliding: bool = False
     sliding_limit: float = 20.0
     """Largest sliding term [m/s²]; it would grow without bound between parallel axes."""
     sin2_floor: float = 0.01
@@ -57,3 +60,7 @@ class IndexParams:
             float(self.sin2_floor),
             float(self.sliding_limit),
         )
+
+    def array(self) -> Array:
+        """The same as an array, shape (6,), for the kernels that are called in every tick."""
+        return np.array(self.kernel(), dtype=np.float64)

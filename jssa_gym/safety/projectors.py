@@ -132,9 +132,7 @@ class OSQPProjector(Projector):
             return self._repair(nominal, rows, lower, upper, f"osqp left {left:.1e} m²")
         return Projection(jerk, True, max(left, 0.0), "")
 
-    def _solve(
-        self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array, count: int
-    ) -> Array | None:
+    def _solve(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array, count: int) -> Array | None:
         if self._solver is None or count > self._capacity:
             self._setup(max(count, 2 * self._capacity, 8))
         assert self._solver is not None
@@ -159,9 +157,7 @@ class OSQPProjector(Projector):
         answer = self._solver.solve()
         return None if answer.x is None else np.asarray(answer.x, float) * unit
 
-    def _repair(
-        self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array, why: str
-    ) -> Projection:
+    def _repair(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array, why: str) -> Projection:
         jerk, feasible, left, _ = self._exact.project(nominal, rows, lower, upper)
         return Projection(jerk, feasible, left, f"{why}, repaired")
 

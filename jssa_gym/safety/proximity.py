@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.kernels.capsules import measure_planes, measure_self
 from jssa_gym.kernels.contact import observe
-from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.kernels.tick import load_agents
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
@@ -31,16 +31,14 @@ def agent_records(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
     ):
         raise ValueError(f"capsules need ends and velocities of shape {ends} for radii of shape {radius.shape}")
     if out is None or len(out) != ends[0]:
-        out = np.zeros(ends[0], AGENT)
-    load_agents(
-        capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity, radius, out
-    )
+        out = records(ends[0], AGENT)
+    load_agents(capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity, radius, out)
     return out
 
 
 def plane_records(planes: Planes) -> NDArray:
     """Half-spaces as the kernels read them, shape (p,) of ``PLANE``."""
-    out = np.zeros(len(planes.offset), PLANE)
+    out = records(len(planes.offset), PLANE)
     out["normal"] = planes.normal
     out["offset"] = planes.offset
     return out
@@ -63,6 +61,8 @@ class Proximity:
     """The robot's self-collision pairs, shape (len(robot.self_pairs),) [m]."""
     pair: tuple[int, int]
     """Robot capsule and agent that are closest; (-1, -1) without agents."""
+    points: tuple[Array, Array] | None
+    """Their closest axis points, robot's first, each of shape (3,) [m]; None without agents."""
     rate: float
     """Rate of the smallest distance [m/s]."""
     curvature: float
@@ -85,22 +85,22 @@ def measure(robot: RobotModel, state: JointState, agents: CapsuleSet, planes: Pl
         agents: Capsules, dynamic or static.
         planes: Half-spaces.
     """
-    records, half_spaces = agent_records(agents), plane_records(planes)
+    others, half_spaces = agent_records(agents), plane_records(planes)
     m = len(robot.capsules)
-    frames, segments = np.zeros(robot.n, FRAME), np.zeros(m, SEGMENT)
-    pairs, plane_pairs = np.zeros((m, len(records)), PAIR), np.zeros((m, len(half_spaces)), PAIR)
+    frames, segments = records(robot.n, FRAME), records(m, SEGMENT)
+    pairs, plane_pairs = records((m, len(others)), PAIR), records((m, len(half_spaces)), PAIR)
     own, closest = np.zeros(len(robot.self_pairs)), np.zeros(13)
     row, column = observe(
         robot.links,
         robot.capsules,
         state_rows(state),
-        records,
+        others,
         IndexParams().kernel(),
         frames,
         segments,
         pairs,
         closest,
-        np.zeros(max(len(records), 1)),
+        np.zeros(max(len(others), 1)),
     )
     measure_planes(segments, half_spaces, plane_pairs)
     measure_self(segments, robot.self_pairs, own)
@@ -109,6 +109,7 @@ def measure(robot: RobotModel, state: JointState, agents: CapsuleSet, planes: Pl
         plane_pairs["distance"].copy(),
         own,
         (int(row), int(column)),
+        (closest[7:10] - closest[4:7], closest[7:10]) if row >= 0 else None,
         float(closest[1]),
         float(closest[2]),
         float(closest[3]),

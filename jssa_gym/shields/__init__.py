@@ -33,9 +33,7 @@ FILTERS: dict[str, Callable[[RobotModel, float, IndexParams | None], SafetyFilte
 """Filters by name, built for a robot and a time step."""
 
 
-def make_filter(
-    name: str, robot: RobotModel, dt: float, index: IndexParams | None = None
-) -> SafetyFilter:
+def make_filter(name: str, robot: RobotModel, dt: float, index: IndexParams | None = None) -> SafetyFilter:
     """A filter by its name in :data:`FILTERS`, for :class:`Shield`.
 
     Raises:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.motion import brake
-from jssa_gym.kernels.records import AGENT
+from jssa_gym.kernels.records import AGENT, records
 from jssa_gym.kernels.tick import take_in
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.proximity import agent_records
@@ -49,7 +49,7 @@ class SafetyFilter(ABC):
         self.upper = np.array(robot.limits.jerk)
         self._state = np.zeros((3, robot.n))
         self._clipped = np.zeros(robot.n)
-        self._agents = np.zeros(0, AGENT)
+        self._agents = records(0, AGENT)
 
     def reset(self, scene: Scene) -> None:  # noqa: B027  # a filter without memory has nothing to reset
         """Forget the past: a new episode begins with ``scene``."""
@@ -75,9 +75,7 @@ class SafetyFilter(ABC):
             self._agents = agents = agent_records(human, self._agents)
         except (ValueError, TypeError, AttributeError) as error:
             return self._fault(nominal, f"the scene does not fit: {error}", readable=False)
-        fault, inside = take_in(
-            state, nominal, scene.valid, self.lower, self.upper, agents, self._clipped
-        )
+        fault, inside = take_in(state, nominal, scene.valid, self.lower, self.upper, agents, self._clipped)
         if fault:
             return self._fault(nominal, _FAULTS[fault], readable=fault != 2)
         decision = self._filter(scene, state, agents, nominal, inside)
@@ -86,9 +84,7 @@ class SafetyFilter(ABC):
         return decision
 
     @abstractmethod
-    def _filter(
-        self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool
-    ) -> Decision:
+    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         """Decide on sound input.
 
         ``state`` (3, n) and ``agents`` hold the scene as the kernels read it, ``self._clipped`` the nominal clipped
@@ -104,18 +100,12 @@ class SafetyFilter(ABC):
     def _fault(self, nominal: Array, reason: str, readable: bool = True) -> Decision:
         # without a readable joint state no jerk is known to brake; zero at least adds nothing
         jerk = self.fallback(self._state) if readable else np.zeros(self.robot.n)
-        return Decision(
-            jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0
-        )
+        return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
 
 
 class NoFilter(SafetyFilter):
     """Applies the nominal inside the jerk bounds: the baseline that protects nobody, but still fails closed."""
 
-    def _filter(
-        self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool
-    ) -> Decision:
+    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, OUTSIDE)
-        return Decision(
-            self._clipped.copy(), nominal, status, reason, np.nan, np.nan, (-1, -1), 0.0, 0
-        )
+        return Decision(self._clipped.copy(), nominal, status, reason, np.nan, np.nan, (-1, -1), 0.0, 0)

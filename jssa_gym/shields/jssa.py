@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.index import exact_rows, measure_present, printed_rows
+from jssa_gym.kernels.index import measure_present, printed_rows
 from jssa_gym.kernels.projection import violation
-from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT
-from jssa_gym.kernels.tick import look_ahead
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
+from jssa_gym.kernels.tick import look_ahead, rows_ahead
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import PROJECTORS
@@ -76,26 +76,24 @@ class JSSAFilter(SafetyFilter):
         self.index = index or IndexParams()
         self.rows, self.gradient, self.static_rows = rows, gradient, static_rows
         self._projector = PROJECTORS[projector](robot.n, weight)
-        self._index = self.index.kernel()
+        self._index, self._parameters = self.index.kernel(), self.index.array()
         self._authority = min_authority * self.index.lambda2 * self.dt
         self._after = np.zeros((3, robot.n))
-        self._frames = np.zeros(robot.n, FRAME)
-        self._segments = np.zeros(len(robot.capsules), SEGMENT)
+        self._frames = records(robot.n, FRAME)
+        self._segments = records(len(robot.capsules), SEGMENT)
         self._static: tuple[CapsuleSet, Planes] | None = None
-        self._static_agents, self._planes = np.zeros(0, AGENT), np.zeros(0, PLANE)
-        self._all_agents = np.zeros(0, AGENT)
+        self._static_agents, self._planes = records(0, AGENT), records(0, PLANE)
+        self._all_agents = records(0, AGENT)
         self._resize(0)
 
     def _resize(self, columns: int) -> None:
         count = len(self._segments) * columns
-        self._pairs = np.zeros((len(self._segments), columns), PAIR)
+        self._pairs = records((len(self._segments), columns), PAIR)
         self._L = np.zeros((max(count, 1), self.robot.n))
         self._S = np.zeros(max(count, 1))
         self._owner = np.zeros(max(count, 1), np.int64)
 
-    def _filter(
-        self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool
-    ) -> Decision:
+    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         humans = len(agents)
         if self.static_rows:
             agents = self._with_static(scene, agents)
@@ -111,14 +109,14 @@ class JSSAFilter(SafetyFilter):
             self._static = (scene.static, scene.planes)
             self._static_agents, self._planes = agent_records(scene.static), plane_records(scene.planes)
         if len(self._all_agents) != len(agents) + len(self._static_agents):
-            self._all_agents = np.zeros(len(agents) + len(self._static_agents), AGENT)
+            self._all_agents = records(len(agents) + len(self._static_agents), AGENT)
         self._all_agents[: len(agents)] = agents
         self._all_agents[len(agents) :] = self._static_agents
         return self._all_agents
 
     def _ahead(
-        self, state: Array, agents: NDArray, jerk: Array, humans: int, move: bool
-    ) -> tuple[float, int, int, float]:
+        self, state: Array, agents: NDArray, jerk: Array, humans: int, move: bool, rows: int
+    ) -> tuple[float, float, int, int, float]:
         return look_ahead(
             self.robot.links,
             self.robot.capsules,
@@ -128,16 +126,18 @@ class JSSAFilter(SafetyFilter):
             self._planes,
             humans,
             self.dt,
-            self._index,
+            self._parameters,
             move,
             self._after,
             self._frames,
             self._segments,
             self._pairs,
+            self._owner,
+            rows,
         )
 
-    def _rows_at(self, agents: NDArray, jerk: Array, only: int) -> int:
-        return exact_rows(
+    def _rows_at(self, agents: NDArray, jerk: Array, only: int) -> tuple[int, float]:
+        return rows_ahead(
             self._frames,
             self._segments,
             agents,
@@ -147,7 +147,7 @@ class JSSAFilter(SafetyFilter):
             self.lower,
             self.upper,
             self.dt,
-            self._index,
+            self._parameters,
             only,
             self._authority,
             self._L,
@@ -155,31 +155,26 @@ class JSSAFilter(SafetyFilter):
             self._owner,
         )
 
-    def _exact(
-        self, state: Array, agents: NDArray, humans: int, nominal: Array, inside: bool
-    ) -> Decision:
+    def _exact(self, state: Array, agents: NDArray, humans: int, nominal: Array, inside: bool) -> Decision:
         """Exact rows; ``agents`` are moved to the end of the step."""
         jerk, feasible, left, rows, note = self._clipped, True, 0.0, 0, ""
-        worst, row, column, distance = self._ahead(state, agents, jerk, humans, True)
+        worst, _, row, column, distance = self._ahead(state, agents, jerk, humans, True, 0)
         if not (worst <= 0.0):
             only = -1
             if self.rows == "closest":
                 only = row * self._pairs.shape[1] + column
             left = np.nan
             for attempt in range(_LINEARISATIONS + 1):
-                count = self._rows_at(agents, jerk, only)
-                left = violation(self._L, self._S, count, jerk)
-                kept = left <= (_TOLERANCE if attempt else 0.0)
-                if kept or not feasible or attempt == _LINEARISATIONS:
+                count, left = self._rows_at(agents, jerk, only)
+                if left <= (_TOLERANCE if attempt else 0.0) or attempt == _LINEARISATIONS:
                     break
                 rows = count
                 projection = self._projector.project(
                     nominal, HalfSpaces(self._L[:count], self._S[:count]), self.lower, self.upper
                 )
                 jerk, feasible, note = projection.jerk, projection.feasible, projection.note
-                worst, row, column, distance = self._ahead(state, agents, jerk, humans, False)
-                if worst <= _TOLERANCE:
-                    left = max(worst, 0.0)
+                worst, left, row, column, distance = self._ahead(state, agents, jerk, humans, False, rows)
+                if left <= _TOLERANCE or not feasible:
                     break
             if np.isnan(left) or not np.isfinite(jerk).all():
                 return self._fault(nominal, "the safety index is not a number")
@@ -220,9 +215,7 @@ class JSSAFilter(SafetyFilter):
             phi = max((self._S[i] - self._L[i] @ jerk for i in range(count)), default=-np.inf)
             if np.isnan(left) or np.isnan(phi):
                 return self._fault(nominal, "the printed row is not a number")
-        return self._decision(
-            nominal, jerk, inside, feasible, left, rows, note, phi, distance, (row, column)
-        )
+        return self._decision(nominal, jerk, inside, feasible, left, rows, note, phi, distance, (row, column))
 
     def _decision(
         self,

@@ -69,16 +69,14 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         shape = env.action_space.shape
         if shape != (robot.n,):
             raise InterfaceError(f"the action space has shape {shape}, the robot {robot.n} joints")
-        if not (np.all(env.action_space.low == -1.0) and np.all(env.action_space.high == 1.0)):  # ty: ignore[unresolved-attribute]
+        if not (np.all(env.action_space.low == -1.0) and np.all(env.action_space.high == 1.0)):  # ty: ignore[missing-attribute]
             raise InterfaceError("the action space has to be [-1, 1]: fractions of the jerk bounds")
         self.filter = filter
         self.last_decision: Decision | None = None
         self._jerk_bound = np.array(robot.limits.jerk)
         self._n = robot.n
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, then the filter with the scene that it starts in."""
         observation, info = self.env.reset(seed=seed, options=options)
         self.filter.reset(self._source.scene)
@@ -150,7 +148,7 @@ class JSSAShield(Shield):
         projector: Literal["exact", "osqp"] = "exact",
         weight: ArrayLike | Sequence[float] | None = None,
         static_rows: bool = False,
-        sliding: bool = True,
+        sliding: bool = False,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
             self,

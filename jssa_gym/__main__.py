@@ -1,0 +1,5 @@
+"""``python -m jssa_gym``."""
+
+from jssa_gym.cli import main
+
+main()

@@ -1,0 +1,24 @@
+"""The command line ``jssa-gym``."""
+
+import sys
+from typing import Annotated
+
+import tyro
+
+from jssa_gym.cli.bench import Bench
+from jssa_gym.cli.demo import Demo
+from jssa_gym.exceptions import JSSAGymError
+
+Command = Annotated[
+    Annotated[Demo, tyro.conf.subcommand("demo")] | Annotated[Bench, tyro.conf.subcommand("bench")],
+    tyro.conf.arg(name=""),
+]
+
+
+def main() -> None:
+    """Run a command; a bad input ends in one line and exit code 2."""
+    try:
+        tyro.cli(Command, prog="jssa-gym", description="A robot arm beside people, and shields around it.").run()
+    except JSSAGymError as error:
+        print(f"jssa-gym: {error}", file=sys.stderr)
+        raise SystemExit(2) from error

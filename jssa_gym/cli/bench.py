@@ -1,0 +1,75 @@
+"""``jssa-gym bench``: speed, with what others need for the same beside it."""
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from jssa_gym.cli.demo import paper_scene
+from jssa_gym.evaluation import benchmark
+from jssa_gym.evaluation.benchmark import Timing
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.shields import JSSAShield
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Time decisions, steps, projections and distances; medians and p99 from this one run."""
+
+    rounds: int = 10
+    """How often every scene of the recorded episode is timed."""
+    compile: bool = True
+    """Also time the first use in a new process, with an empty and with a filled compile cache."""
+    json: bool = False
+    """Print JSON instead of a table."""
+
+    def run(self) -> None:
+        """Measure and print."""
+        if self.rounds < 1:
+            raise ParameterError(f"rounds has to be at least 1, got {self.rounds}")
+        timings: list[Timing] = []
+        first: tuple[float, float] | None = None
+        with Progress(console=Console(stderr=True), transient=True) as progress:
+            task = progress.add_task("recording an episode", total=6)
+
+            def done(next_task: str) -> None:
+                progress.update(task, advance=1, description=next_task)
+
+            robot, dt, scenes = benchmark.record_scenes(paper_scene(0.8))
+            done("decisions")
+            timings += benchmark.time_decisions(robot, dt, scenes, self.rounds)
+            done("steps")
+            plain = lambda: gym.make("jssa_gym/Home-v0", human=paper_scene(0.8), terminate_on=())  # noqa: E731
+            steps = 1000 * self.rounds
+            timings.append(benchmark.time_steps(plain, "env.step", steps))
+            timings.append(benchmark.time_steps(lambda: JSSAShield(plain()), "env.step, shielded", steps))
+            done("projections")
+            timings += benchmark.time_projectors(robot, dt, scenes, max(self.rounds // 5, 1))
+            done("distances")
+            timings += benchmark.time_distances(robot, scenes, self.rounds)
+            done("first use")
+            if self.compile:
+                first = benchmark.time_first_use()
+            done("")
+        if self.json:
+            result: dict[str, Any] = {"timings": [dataclasses.asdict(t) for t in timings]}
+            if first:
+                result["first_use"] = {"compiling": first[0], "cached": first[1]}
+            print(json.dumps(result, indent=2))
+            return
+        table = Table("", "median [µs]", "p99 [µs]", "per second", title="one core, one run")
+        for column in table.columns[1:]:
+            column.justify = "right"
+        for t in timings:
+            table.add_row(t.name, f"{t.median * 1e6:.1f}", f"{t.p99 * 1e6:.1f}", f"{1.0 / t.median:,.0f}")
+        console = Console()
+        console.print(table)
+        if first:
+            console.print(
+                f"first 100 shielded steps in a new process: {first[0]:.1f} s compiling, {first[1]:.2f} s cached"
+            )

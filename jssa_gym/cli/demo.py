@@ -1,0 +1,162 @@
+"""``jssa-gym demo``: the paper's scene three times on the same human."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from jssa_gym import plots
+from jssa_gym.cli.files import write_json
+from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.envs.world import World
+from jssa_gym.evaluation import Summary, rollout, summarise
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans import ApproachRetreat, Body, HumanMotion
+from jssa_gym.humans.body import NAMES
+from jssa_gym.policies import HoldPolicy
+from jssa_gym.safety.proximity import measure
+from jssa_gym.shields import JSSAShield
+from jssa_gym.types import CapsuleSet, JointState, Trace
+
+_EVERY = 5
+"""A picture every so many control steps: 25 a second."""
+
+_SHIELDS: dict[str, Callable[[gym.Env], gym.Env]] = {
+    "no shield": lambda env: env,
+    "as published": JSSAShield.as_published,
+    "JSSAShield": JSSAShield,
+}
+
+
+@dataclass(frozen=True)
+class Demo:
+    """A person walks up to the arm, stops and leaves; without a shield, with the paper's, with ours."""
+
+    out: Path = Path("demo")
+    """Folder for figure, film and metrics."""
+    speed: float = 0.8
+    """The person's walking speed [m/s]."""
+    seconds: float = 8.0
+    """Length of an episode."""
+    video: bool = True
+    """Also film the three runs side by side."""
+    json: bool = False
+    """Print the metrics as JSON instead of a table."""
+
+    def run(self) -> None:
+        """Run, print, write."""
+        if not 0.1 <= self.seconds <= 60.0:
+            raise ParameterError(f"seconds has to be between 0.1 and 60, got {self.seconds}")
+        if self.out.exists() and not self.out.is_dir():
+            raise ParameterError(f"{self.out} is not a folder")
+        human = paper_scene(self.speed)
+        console = Console(stderr=True)
+        steps = round(self.seconds / 0.008)
+        traces, summaries = [], []
+        robot, d_min = None, 0.05
+        with Progress(console=console, transient=True) as progress:
+            task = progress.add_task("simulating", total=len(_SHIELDS))
+            for name, wrap in _SHIELDS.items():
+                env = wrap(gym.make("jssa_gym/Home-v0", human=human, terminate_on=(), max_episode_steps=steps))
+                base: Any = env.unwrapped
+                robot, d_min = base.robot, base.d_min
+                rollout(env, HoldPolicy(env), seed=0, steps=5)  # compiles: not to be timed
+                trace = rollout(env, HoldPolicy(env), seed=0, steps=steps, name=name)
+                traces.append(trace)
+                summaries.append(summarise(trace, robot.limits))
+                env.close()
+                progress.advance(task)
+            assert robot is not None
+            self.out.mkdir(parents=True, exist_ok=True)
+            write_json(self.out / "metrics.json", [_plain(summary) for summary in summaries])
+            figure = plots.profile(traces, robot.limits, d_min)
+            figure.savefig(self.out / "profile.part.png", dpi=110)
+            (self.out / "profile.part.png").replace(self.out / "profile.png")
+            written = ["metrics.json", "profile.png"]
+            if self.video:
+                frames = _film(traces, ArmEnv(human="none"), d_min)
+                count = len(range(0, len(traces[0].time), _EVERY))
+                bar = progress.track(frames, total=count, description="filming")
+                plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (0.008 * _EVERY)))
+                written.append("side_by_side.mp4")
+        if self.json:
+            print(json.dumps([_plain(summary) for summary in summaries], indent=2))
+        else:
+            Console().print(_table(summaries))
+        console.print(f"wrote {', '.join(str(self.out / name) for name in written)}")
+
+
+def paper_scene(speed: float) -> HumanMotion:
+    """The human of the paper's Fig. 5, with nothing left to chance: up to 0.68 m in front of the base axis."""
+    return ApproachRetreat(
+        start=2.2, nearest=(0.68, 0.68), side=(0.0, 0.0), speed=(speed, speed), wait=(0.5, 0.5), stay=(1.0, 1.0)
+    )
+
+
+def _plain(summary: Summary) -> dict[str, Any]:
+    """A summary as JSON can hold it: no infinity."""
+    values = dataclasses.asdict(summary)
+    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()}
+
+
+def _table(summaries: list[Summary]) -> Table:
+    table = Table(title="the same person, three times")
+    table.add_column("")
+    for summary in summaries:
+        table.add_column(summary.name, justify="right")
+
+    def row(title: str, show: Callable[[Summary], str]) -> None:
+        table.add_row(title, *(show(summary) for summary in summaries))
+
+    def moment(value: float | None) -> str:
+        return "-" if value is None else f"{value:.3f} s"
+
+    def micros(value: float | None) -> str:
+        return "-" if value is None else f"{value * 1e6:.0f} µs"
+
+    row("min distance", lambda s: f"{s.min_distance:+.3f} m")
+    row("contact", lambda s: "no" if not s.collision else "moving" if s.moving_contact else "at rest")
+    row("first trigger", lambda s: moment(s.first_trigger))
+    row("last trigger", lambda s: moment(s.last_trigger))
+    row("active", lambda s: f"{s.active_duration:.3f} s")
+    row("interventions", lambda s: str(s.n_activations))
+    row("peak joint speed / limit", lambda s: f"{s.speed_limit_ratio:.2f}")
+    row("peak jerk / bound", lambda s: f"{s.jerk_limit_ratio:.2f}")
+    row("shield time p50", lambda s: micros(s.shield_p50))
+    row("shield time p99", lambda s: micros(s.shield_p99))
+    return table
+
+
+def _film(traces: list[Trace], env: ArmEnv, d_min: float) -> Iterator[NDArray[np.uint8]]:
+    """The runs side by side, the critical point pair drawn in red."""
+    size = 480
+    world = World(env.robot, "table", pretty=True, width=size, height=size)
+    labels = [plots.label(trace.name, size) for trace in traces]
+    try:
+        for k in range(0, len(traces[0].time), _EVERY):
+            columns = []
+            for trace, label in zip(traces, labels, strict=True):
+                people = _people(trace, k)
+                zero = np.zeros(env.robot.n)
+                near = measure(env.robot, JointState(trace.position[k], zero, zero), people, env.planes)
+                picture = world.picture(trace.position[k], people, pair=near.points)
+                bar = plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), bool(trace.contact[k]), size)
+                columns.append(np.vstack([label, picture, bar]))
+            yield np.hstack(columns)
+    finally:
+        world.close()
+
+
+def _people(trace: Trace, k: int) -> CapsuleSet:
+    body = Body.facing()
+    still = np.zeros_like(trace.human_start[k])
+    return CapsuleSet(trace.human_start[k], trace.human_end[k], still, still, body.radius, NAMES, body.person)

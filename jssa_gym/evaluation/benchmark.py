@@ -1,0 +1,208 @@
+"""How fast everything is, measured side by side in one run: medians and 99th percentiles."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from jssa_gym.kernels.capsules import measure_agents
+from jssa_gym.kernels.chain import forward, place
+from jssa_gym.kernels.records import FRAME, PAIR, SEGMENT, records
+from jssa_gym.policies import HoldPolicy
+from jssa_gym.robots import RobotModel
+from jssa_gym.safety.projectors import ExactProjector, OSQPProjector
+from jssa_gym.safety.proximity import agent_records, state_rows
+from jssa_gym.shields import JSSAFilter, JSSAShield
+from jssa_gym.types import Array, CapsuleSet, HalfSpaces, Scene, Status
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Times of one thing."""
+
+    name: str
+    median: float
+    """[s]."""
+    p99: float
+    """[s]."""
+    count: int
+
+
+def _timing(name: str, times: list[float]) -> Timing:
+    return Timing(name, float(np.median(times)), float(np.percentile(times, 99)), len(times))
+
+
+def record_scenes(env_human: Any, steps: int = 1000) -> tuple[RobotModel, float, list[tuple[Scene, Array]]]:
+    """Scenes and nominal jerks of a shielded episode, for filters to be timed on."""
+    env = JSSAShield(gym.make("jssa_gym/Home-v0", human=env_human, terminate_on=()))
+    policy, base = HoldPolicy(env), env.unwrapped
+    robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
+    observation, _ = env.reset(seed=0)
+    scenes = []
+    for _ in range(steps):
+        action = policy(observation)
+        scenes.append((base.get_wrapper_attr("scene"), np.asarray(action) * robot.limits.jerk))
+        observation, *_ = env.step(action)
+    return robot, dt, scenes
+
+
+def time_decisions(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array]], rounds: int) -> list[Timing]:
+    """``filter.decide`` with all pairs, by what it decided; the same with OSQP as the projector."""
+    timings = []
+    filters = {p: JSSAFilter(robot, dt, projector=p) for p in ("exact", "osqp")}
+    times: dict[tuple[str, Status], list[float]] = {}
+    everything: dict[str, list[float]] = {name: [] for name in filters}
+    for _ in range(rounds):
+        for scene, nominal in scenes:
+            for name, chosen in filters.items():
+                start = time.perf_counter()
+                decision = chosen.decide(scene, nominal)
+                took = time.perf_counter() - start
+                times.setdefault((name, decision.status), []).append(took)
+                everything[name].append(took)
+    timings.append(_timing("filter.decide, all pairs, whole episode", everything["exact"]))
+    for (name, status), values in sorted(times.items()):
+        if len(values) >= 20:
+            timings.append(_timing(f"  of it {status.name}, projector {name}", values))
+    return timings
+
+
+def _qps(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array]]) -> list[tuple[Array, HalfSpaces]]:
+    """The quadratic programs that an episode gives rise to, taken from the projector's door."""
+    problems: list[tuple[Array, HalfSpaces]] = []
+    recording = JSSAFilter(robot, dt)
+    inner = recording._projector
+
+    class _Recorder(ExactProjector):
+        def project(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array) -> Any:
+            problems.append((nominal.copy(), HalfSpaces(rows.L.copy(), rows.S.copy())))
+            return inner.project(nominal, rows, lower, upper)
+
+    recording._projector = _Recorder(robot.n)
+    for scene, nominal in scenes:
+        recording.decide(scene, nominal)
+    return problems
+
+
+def time_projectors(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array]], rounds: int) -> list[Timing]:
+    """Both projectors on the same problems."""
+    bound = np.array(robot.limits.jerk)
+    problems = _qps(robot, dt, scenes)
+    if not problems:
+        return []
+    exact, osqp = ExactProjector(robot.n), OSQPProjector(robot.n)
+    times: dict[str, list[float]] = {"exact": [], "osqp": []}
+    osqp.project(*problems[0], -bound, bound)
+    for _ in range(rounds):
+        for nominal, rows in problems:
+            for name, projector in (("exact", exact), ("osqp", osqp)):
+                start = time.perf_counter()
+                projector.project(nominal, rows, -bound, bound)
+                times[name].append(time.perf_counter() - start)
+    mean = np.mean([len(rows.S) for _, rows in problems])
+    return [_timing(f"projection alone ({mean:.1f} rows on average), {name}", t) for name, t in times.items()]
+
+
+def time_distances(robot: RobotModel, scenes: list[tuple[Scene, Array]], rounds: int) -> list[Timing]:
+    """All capsule pairs: our kernel against ``mj_geomDistance`` on the same capsules."""
+    import mujoco
+
+    frames, segments = records(robot.n, FRAME), records(len(robot.capsules), SEGMENT)
+    humans = scenes[0][0].human
+    agents = agent_records(humans)
+    pairs = records((len(segments), len(agents)), PAIR)
+    model, data, ids = _mujoco_capsules(robot, humans)
+    ours, theirs = [], []
+    for _ in range(rounds):
+        for scene, _ in scenes[::10]:
+            state = state_rows(scene.robot)
+            agents = agent_records(scene.human, agents)
+            start = time.perf_counter()
+            forward(robot.links, state, frames)
+            place(frames, robot.capsules, segments)
+            measure_agents(segments, agents, pairs)
+            ours.append(time.perf_counter() - start)
+            middle = (scene.human.start + scene.human.end) / 2.0
+            data.mocap_pos[:] = middle
+            data.qpos[:] = scene.robot.position
+            start = time.perf_counter()
+            mujoco.mj_kinematics(model, data)
+            for a in ids[0]:
+                for b in ids[1]:
+                    mujoco.mj_geomDistance(model, data, a, b, 10.0, None)
+            theirs.append(time.perf_counter() - start)
+    count = pairs.size
+    return [
+        _timing(f"forward kinematics and {count} distances, kernel", ours),
+        _timing(f"forward kinematics and {count} distances, mj_geomDistance", theirs),
+    ]
+
+
+def _mujoco_capsules(robot: RobotModel, humans: CapsuleSet) -> tuple[Any, Any, tuple[list[int], list[int]]]:
+    import mujoco
+
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf))
+    for i in range(len(humans.radius)):
+        body = spec.worldbody.add_body(name=f"human {i}", mocap=True)
+        half = (humans.end[i] - humans.start[i]) / 2.0
+        point = bool(np.linalg.norm(half) < 1e-9)
+        kind = mujoco.mjtGeom.mjGEOM_SPHERE if point else mujoco.mjtGeom.mjGEOM_CAPSULE
+        options = {} if point else {"fromto": np.concatenate([-half, half])}
+        body.add_geom(name=f"human {i}", type=kind, size=[humans.radius[i], 0.0, 0.0], **options)
+    model = spec.compile()
+    ids = (
+        [model.geom(name).id for name in robot.capsule_names],
+        [model.geom(f"human {i}").id for i in range(len(humans.radius))],
+    )
+    return model, mujoco.MjData(model), ids
+
+
+def time_steps(build: Callable[[], gym.Env], name: str, steps: int) -> Timing:
+    """``env.step`` under :class:`HoldPolicy`'s actions, which are computed beforehand and not timed."""
+    env = build()
+    policy = HoldPolicy(env)
+    observation, _ = env.reset(seed=0)
+    times = []
+    for _ in range(steps):
+        action = policy(observation)
+        start = time.perf_counter()
+        observation, _, terminated, truncated, _ = env.step(action)
+        times.append(time.perf_counter() - start)
+        if terminated or truncated:
+            observation, _ = env.reset()
+    env.close()
+    return _timing(name, times)
+
+
+_FIRST_USE = """
+import time
+import gymnasium as gym, jssa_gym
+env = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0"))
+policy = jssa_gym.HoldPolicy(env)
+start = time.perf_counter()
+observation, _ = env.reset(seed=0, options={"human_start": [1.0, 0.0]})
+for _ in range(100):
+    observation, *_ = env.step(policy(observation))
+print(time.perf_counter() - start)
+"""
+
+
+def time_first_use() -> tuple[float, float]:
+    """Seconds until 100 shielded steps are done in a new process: kernels compiled, then kernels cached."""
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+
+        def once() -> float:
+            run = subprocess.run(
+                [sys.executable, "-c", _FIRST_USE], env=environment, capture_output=True, text=True, check=True
+            )
+            return float(run.stdout.split()[-1])
+
+        return once(), once()

@@ -1,0 +1,148 @@
+"""Figures and films of recorded episodes; needs the extra ``plots``."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.robots import JointLimits
+from jssa_gym.types import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_JOINT_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#999999", "#000000")
+"""Okabe and Ito's palette, told apart by colour-blind people."""
+
+
+def _matplotlib() -> Any:
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise MissingExtraError("figures need the extra 'plots': pip install 'jssa-gym[plots]'") from error
+    matplotlib.use("agg", force=False)
+    return matplotlib
+
+
+def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figure":
+    """The five panels of the paper's Fig. 6, a column a trace.
+
+    Distance, its rate, its second derivative, the critical capsules, and the applied jerks with their bounds; spans
+    in which the shield was active are shaded.
+
+    Args:
+        traces: Episodes of the same length.
+        limits: For the jerk bounds.
+        d_min: Drawn as a line [m].
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    _matplotlib()
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.2 * len(traces), 11.0), layout="constrained")
+    axes = figure.subplots(5, len(traces), sharex=True, sharey="row", squeeze=False)
+    for column, trace in zip(axes.T, traces, strict=True):
+        _column(column, trace, limits, d_min)
+    for row, label in zip(
+        axes[:, 0],
+        ("distance [m]", "its rate [m/s]", "its second\nderivative [m/s²]", "critical capsule", "jerk [deg/s³]"),
+        strict=True,
+    ):
+        row.set_ylabel(label)
+    # a shield that throws the arm about would otherwise flatten everybody else's curve
+    axes[1, 0].set_ylim(-3.0, 3.0)
+    axes[2, 0].set_ylim(-12.0, 12.0)
+    return figure
+
+
+def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float) -> None:
+    time = trace.time
+    axes[0].set_title(trace.name)
+    axes[0].plot(time, trace.distance, color="black")
+    axes[0].axhline(d_min, color="#D55E00", linestyle="--", linewidth=1.0, label=f"d_min = {d_min} m")
+    axes[0].axhline(0.0, color="#D55E00", linewidth=1.0, label="contact")
+    axes[0].legend(loc="upper right", fontsize="small")
+    axes[1].plot(time, trace.speed, color="black")
+    axes[2].plot(time, trace.acceleration_of_distance, color="black", linewidth=0.8)
+    axes[3].step(time, trace.pair[:, 0] + 1, where="post", color="#0072B2", label="robot")
+    axes[3].step(time, trace.pair[:, 1] + 1, where="post", color="#D55E00", linestyle=":", label="human")
+    axes[3].set_yticks(range(1, 7))
+    axes[3].legend(loc="upper right", fontsize="small")
+    bound = np.degrees(limits.jerk)
+    for j in range(trace.jerk.shape[1]):
+        colour = _JOINT_COLOURS[j % len(_JOINT_COLOURS)]
+        axes[4].plot(time, np.degrees(trace.jerk[:, j]), color=colour, linewidth=0.8, label=f"J{j + 1}")
+    for sign in (-1.0, 1.0):
+        axes[4].axhline(sign * bound.max(), color="gray", linestyle="--", linewidth=0.8)
+    axes[4].legend(loc="upper right", fontsize="x-small", ncols=3)
+    axes[4].set_xlabel("time [s]")
+    for start, end in _spans(trace.intervened):
+        for panel in axes:
+            panel.axvspan(time[start] - trace.dt, time[end - 1], color="#E69F00", alpha=0.18, linewidth=0.0)
+
+
+def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(active.astype(int), prepend=0, append=0))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def label(text: str, width: int, height: int = 30) -> NDArray[np.uint8]:
+    """A dark strip with a line of text, shape (height, width, 3)."""
+    _matplotlib()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100, facecolor="#22262b")
+    figure.text(0.03, 0.5, text, color="white", fontsize=11, va="center")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[:height, :width, :3].copy()
+
+
+def gauge(
+    distance: float, d_min: float, active: bool, touching: bool, width: int, height: int = 14
+) -> NDArray[np.uint8]:
+    """A bar as long as the distance, up to 1 m: grey, orange while the shield acts, red in contact."""
+    strip = np.full((height, width, 3), 34, np.uint8)
+    colour = (200, 40, 40) if touching else (230, 159, 0) if active else (150, 160, 170)
+    length = width if touching else int(np.clip(distance, 0.0, 1.0) * width)
+    strip[3:-3, :length] = colour
+    mark = int(d_min * width)
+    strip[:, mark : mark + 2] = (255, 255, 255)
+    return strip
+
+
+def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int) -> None:
+    """Write frames as H.264 into an MP4; the file appears when it is complete.
+
+    Args:
+        path: The file.
+        frames: Pictures of one shape with even sides, (height, width, 3).
+        rate: Frames a second.
+
+    Raises:
+        MissingExtraError: PyAV is not installed.
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise MissingExtraError("films need the extra 'plots': pip install 'jssa-gym[plots]'") from error
+    path = Path(path)
+    unfinished = path.with_suffix(".part.mp4")
+    with av.open(str(unfinished), "w") as container:
+        stream: Any = container.add_stream("h264", rate=rate)
+        stream.pix_fmt = "yuv420p"
+        stream.options = {"crf": "22", "preset": "fast"}
+        for k, picture in enumerate(frames):
+            if k == 0:
+                stream.height, stream.width = picture.shape[:2]
+            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+    unfinished.replace(path)
