@@ -16,6 +16,7 @@ from jssa_gym.kernels.index import (
     evaluate,
     evaluate_plane,
     exact_rows,
+    index_of,
     measure_present,
     printed_row,
     printed_rows,
@@ -815,3 +816,5 @@ def test_parameters_that_keep_no_distance_are_refused():
     params = IndexParams(0.06, 2.0, 0.5, sliding=False, sliding_limit=7.0, sin2_floor=0.02)
     kernel = params.kernel()._asdict()
     assert kernel == {name: getattr(params, name) for name in kernel}
+    assert index_of(params.array()) == params.kernel()  # no two numbers change places on the way
+    assert index_of(IndexParams(sliding=True).array()).sliding is True
