@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -74,8 +74,8 @@ def arm_features(robot: RobotModel, parts: int) -> tuple[Feature, ...]:
     )
 
 
-class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    metadata: ClassVar[dict[str, Any]] = {
+class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  # its docstring is made below
+    metadata: dict[str, Any] = {  # noqa: RUF012  # Gymnasium declares it so
         "render_modes": ["rgb_array", "human"] if has_display() else ["rgb_array"],
         "render_fps": round(1.0 / DT),
     }
@@ -133,7 +133,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._parts = np.zeros(max(parts, 1))
         self._static = nobody()
         self._observation = Observation((*arm_features(self.robot, max(parts, 1)), *self.task.features(self.robot)))
-        self.observation_space = self._observation.space
+        self.observation_space: spaces.Space = self._observation.space
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
         self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
         endings = self.terminate_on
@@ -422,6 +422,7 @@ def _describe() -> str:
         blocks.append(
             f"**{task.name}** (default human: ``{task.human}``). {task.text}\n\n::\n\n"
             + "\n".join("    " + line for line in (features, *terms.splitlines()))
+            + "\n"
         )
     text = f"""An arm driven by joint jerk beside moving people, 125 Hz.
 

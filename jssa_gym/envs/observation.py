@@ -60,6 +60,7 @@ def feature_table(features: Sequence[Feature]) -> str:
     begin = 0
     for f in features:
         index = str(begin) if f.size == 1 else f"{begin}-{begin + f.size - 1}"
-        lines.append(f"{index:<7} {f.name:<18} [{f.low:g}, {f.high:g}]{'':<3} {f.text}")
+        bounds = f"[{f.low:g}, {f.high:g}]"
+        lines.append(f"{index:<7} {f.name:<16} {bounds:<12} {f.text}")
         begin += f.size
     return "\n".join(lines)

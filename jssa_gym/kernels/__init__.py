@@ -1,0 +1,1 @@
+"""Mathematics on bare arrays, compiled by numba; knows nothing of the rest of the package."""

@@ -5,11 +5,13 @@ from jssa_gym.kernels.jit import jit
 
 @jit
 def dot(a, b):
+    """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit
 def cross(a, b):
+    """Vector product."""
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -19,16 +21,19 @@ def cross(a, b):
 
 @jit
 def add(a, b):
+    """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @jit
 def subtract(a, b):
+    """a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @jit
 def scale(a, k):
+    """k a."""
     return (a[0] * k, a[1] * k, a[2] * k)
 
 
@@ -40,6 +45,7 @@ def along(a, b, k):
 
 @jit
 def put(target, a):
+    """Write a vector into an array."""
     target[0] = a[0]
     target[1] = a[1]
     target[2] = a[2]
