@@ -6,6 +6,7 @@ computed from the jerk they return.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.kernels.jit import jit
 
@@ -17,6 +18,12 @@ _DEPENDENT = 1e-11
 
 _SLACK_WEIGHT = 1e9
 """Weight of the common slack when the rows are infeasible, relative to jerks scaled by their range."""
+
+
+def scratch(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Memory for :func:`project_rows` with n joints."""
+    size = max(n + 2, 8)
+    return np.zeros((5, size, size)), np.zeros(size, np.int64)
 
 
 @jit
@@ -306,8 +313,8 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
         count: Number of rows.
         lower, upper: Jerk bounds, shape (n,) [rad/s³].
         inverse_weight: Inverse of V, symmetric positive definite, shape (n, n).
-        floats: Scratch, shape (≥ 5 n + 12, n + 2).
-        active: Scratch, int64, shape (≥ n + 2,).
+        floats: Scratch, shape (5, N, N) with N ≥ max(n + 2, 8); see :func:`scratch`.
+        active: Scratch, int64, shape (N,).
         out: Result, shape (n,) [rad/s³].
 
     Returns:
@@ -315,12 +322,8 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
     """
     n = nominal.shape[0]
     size = n + 1
-    inverse = floats[0:size, 0:size]
-    normals = floats[size : 2 * size + 1, 0:size]
-    mapped = floats[2 * size + 1 : 3 * size + 2, 0:size]
-    gram = floats[3 * size + 2 : 4 * size + 2, 0:size]
-    vectors = floats[4 * size + 2 : 4 * size + 8, :]
-    scales, x = floats[4 * size + 8], floats[4 * size + 9]
+    inverse, normals, mapped, gram, vectors = floats[0], floats[1], floats[2], floats[3], floats[4]
+    scales, x = vectors[6], vectors[7]
     # jerks in units of their half range, the metric normalised to order one
     mean = 0.0
     for k in range(n):
@@ -335,13 +338,14 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
             inverse[i, j] = inverse_weight[i, j] / (scales[i] * scales[j] * mean)
     inverse[n, n] = 1.0 / _SLACK_WEIGHT
 
-    feasible = _dual_active_set(
-        nominal, L, S, count, lower, upper, scales, inverse, False, normals, mapped, gram, vectors, active, x
-    )
-    if not feasible:
-        _dual_active_set(
-            nominal, L, S, count, lower, upper, scales, inverse, True, normals, mapped, gram, vectors, active, x
+    # one call site only: the method is long, and compiled into every place it is called from
+    for attempt in range(2):
+        relaxed = attempt == 1
+        solved = _dual_active_set(
+            nominal, L, S, count, lower, upper, scales, inverse, relaxed, normals, mapped, gram, vectors, active, x
         )
+        if solved:
+            break
     for k in range(n):
         out[k] = min(max(x[k] * scales[k], lower[k]), upper[k])
-    return feasible, violation(L, S, count, out)
+    return not relaxed, violation(L, S, count, out)

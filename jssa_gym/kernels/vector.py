@@ -21,19 +21,19 @@ def cross(a, b):
 
 @jit
 def add(a, b):
-    """a + b."""
+    """Sum a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @jit
 def subtract(a, b):
-    """a - b."""
+    """Difference a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @jit
 def scale(a, k):
-    """k a."""
+    """Multiple k a."""
     return (a[0] * k, a[1] * k, a[2] * k)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.projection import project_row, project_rows, violation
+from jssa_gym.kernels.projection import project_row, project_rows, scratch, violation
 from jssa_gym.types import Array, HalfSpaces
 
 
@@ -57,8 +57,7 @@ class ExactProjector(Projector):
     def __init__(self, n: int, weight: ArrayLike | None = None) -> None:
         super().__init__(n, weight)
         self._inverse = np.linalg.inv(self.weight)
-        self._floats = np.zeros((5 * n + 12, n + 2))
-        self._active = np.zeros(n + 2, np.int64)
+        self._floats, self._active = scratch(n)
 
     def project(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array) -> Projection:
         jerk = np.empty(self.n)
