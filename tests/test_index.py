@@ -518,14 +518,14 @@ def test_row_of_a_sliding_pair_is_the_gradient_to_order_tau(times):
     Its sliding term is differentiated by the velocities only (tau^2/2); that the closest points, b and H move
     with the positions is of order tau^3, against the leading tau: relative order tau^2.
     Measured at tau = 8 ms, joint speeds of 0.5 rad/s, d >= 0.1 m, 400 pairs, relative to the largest entry:
-    median 1.2e-4, 95 % 1.0e-3, largest 6.3e-3; a quarter of the step makes it a sixteenth.
+    median 1.1e-4, 95 % 1.1e-3, largest 5.1e-3; a quarter of the step makes it a sixteenth.
     """
     errors = {}
     for tau in (TAU, TAU / 4.0):
         rows = rows_by_kind(np.random.default_rng(16), (1, 2), 25 * times, tau)
         errors[tau] = np.array([np.max(np.abs(L - row)) / np.max(np.abs(row)) for L, row in rows])
-    assert errors[TAU].max() <= 2e-2
-    assert np.median(errors[TAU]) <= 1e-3
+    assert errors[TAU].max() <= 1e-2 * times**0.5
+    assert np.median(errors[TAU]) <= 5e-4
     assert np.median(errors[TAU / 4.0]) <= np.median(errors[TAU]) / 8.0
 
 

@@ -49,6 +49,8 @@ class Demo:
     """Length of an episode."""
     video: bool = True
     """Also film the three runs side by side."""
+    pretty: bool = False
+    """Shadows and smooth edges in the film: ten times slower."""
     json: bool = False
     """Print the metrics as JSON instead of a table."""
 
@@ -83,7 +85,7 @@ class Demo:
             (self.out / "profile.part.png").replace(self.out / "profile.png")
             written = ["metrics.json", "profile.png"]
             if self.video:
-                frames = _film(traces, ArmEnv(human="none"), d_min)
+                frames = _film(traces, ArmEnv(human="none"), d_min, self.pretty)
                 count = len(range(0, len(traces[0].time), _EVERY))
                 bar = progress.track(frames, total=count, description="filming")
                 plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (0.008 * _EVERY)))
@@ -136,10 +138,10 @@ def _table(summaries: list[Summary]) -> Table:
     return table
 
 
-def _film(traces: list[Trace], env: ArmEnv, d_min: float) -> Iterator[NDArray[np.uint8]]:
+def _film(traces: list[Trace], env: ArmEnv, d_min: float, pretty: bool) -> Iterator[NDArray[np.uint8]]:
     """The runs side by side, the critical point pair drawn in red."""
     size = 480
-    world = World(env.robot, "table", pretty=True, width=size, height=size)
+    world = World(env.robot, "table", pretty=pretty, width=size, height=size)
     labels = [plots.label(trace.name, size) for trace in traces]
     try:
         for k in range(0, len(traces[0].time), _EVERY):

@@ -24,6 +24,7 @@ from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.proximity import agent_records
 from jssa_gym.types import Array, CapsuleSet, JointState, Scene
+from jssa_gym.validation import known_name, real_array
 
 DT = 0.008
 """Control step: 125 Hz, the paper's."""
@@ -94,13 +95,16 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         width: int = 640,
         height: int = 480,
     ) -> None:
-        if dynamics not in ("kinematic", "servo"):
-            raise ParameterError(f"unknown dynamics {dynamics!r}; valid: kinematic, servo")
-        unknown = [ending for ending in terminate_on if ending not in _ENDINGS]
-        if isinstance(terminate_on, str) or unknown:
-            raise ParameterError(f"terminate_on={terminate_on!r}; valid: a tuple of {', '.join(_ENDINGS)}")
-        if render_mode not in (None, "rgb_array", "human"):
-            raise ParameterError(f"unknown render_mode {render_mode!r}; valid: rgb_array, human, None")
+        known_name("dynamics", dynamics, ("kinematic", "servo"))
+        if isinstance(terminate_on, str) or not isinstance(terminate_on, Sequence):
+            raise ParameterError(f"terminate_on has to be a tuple of {', '.join(_ENDINGS)}; got {terminate_on!r}")
+        for ending in terminate_on:
+            known_name("ending in terminate_on", ending, _ENDINGS)
+        if render_mode is not None:
+            known_name("render_mode", render_mode, ("rgb_array", "human"))
+        for name, value in (("width", width), ("height", height)):
+            if not isinstance(value, int) or value < 1:
+                raise ParameterError(f"{name} has to be a positive integer, got {value!r}")
         if render_mode == "human" and not has_display():
             raise DisplayError("no display for a window; use render_mode='rgb_array'")
         self.planes = planes_of(scene)
@@ -212,22 +216,20 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         Raises:
             ParameterError: An option is unknown or out of range.
         """
-        super().reset(seed=seed)
-        options = options or {}
+        options = {} if options is None else options
         unknown = [key for key in options if key not in _OPTIONS]
         if unknown:
             raise ParameterError(f"unknown reset options {unknown}; valid: {', '.join(_OPTIONS)}")
         position = self._checked_position(options.get("joint_position"))
-        start = options.get("human_start")
+        start, goal = options.get("human_start"), options.get("goal")
         if start is not None:
-            start = np.array(start, dtype=np.float64)
-            if start.shape != (2,) or not np.all(np.isfinite(start)):
-                raise ParameterError(
-                    f"human_start has to be a point (x, y) on the floor, got {options['human_start']!r}"
-                )
-        if options.get("goal") is not None:
-            goal = self.task.check_goal(options["goal"], self.robot)
-        else:
+            start = real_array("human_start", start, (2,), "a point on the floor [m]")
+            self.human.check_start(start)
+        if goal is not None:
+            goal = self.task.check_goal(goal, self.robot)
+        # from here on nothing is refused any more
+        super().reset(seed=seed)
+        if goal is None:
             goal = self.task.draw_goal(self.np_random, self.robot, self.planes)
         for _ in range(100):
             self._begin(position, goal, self.human.reset(self.np_random, start))
@@ -245,13 +247,10 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
     def _checked_position(self, position: Any) -> Array:
         if position is None:
             return np.array(self.robot.home)
-        array = np.array(position, dtype=np.float64)
+        array = real_array("joint_position", position, (self.robot.n,), "a joint position [rad]")
         low, high = self.robot.limits.position.T
-        if array.shape != (self.robot.n,) or not np.all((low <= array) & (array <= high)):
-            raise ParameterError(
-                f"joint_position has to have shape ({self.robot.n},) [rad] and lie inside the position limits, "
-                f"got {position!r}"
-            )
+        if not np.all((low <= array) & (array <= high)):
+            raise ParameterError(f"joint_position has to lie inside the position limits, got {position!r}")
         return array
 
     def _begin(self, position: Array, goal: Array, people: CapsuleSet) -> None:

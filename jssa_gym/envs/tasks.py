@@ -15,6 +15,7 @@ from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes
+from jssa_gym.validation import known_name, real_array
 
 
 class Moment(NamedTuple):
@@ -108,7 +109,7 @@ class Home(Task):
         return np.array(robot.home)
 
     def check_goal(self, goal: ArrayLike, robot: RobotModel) -> Array:
-        return _checked("goal", goal, robot.n, "a joint position [rad]")
+        return real_array("goal", goal, (robot.n,), "a joint position [rad]")
 
     def observe(self, goal: Array, moment: Moment) -> Array:
         return goal - moment.position
@@ -157,7 +158,7 @@ class Reach(Task):
         raise ParameterError(f"found no reachable target for {robot.name} that is clear of table and arm")
 
     def check_goal(self, goal: ArrayLike, robot: RobotModel) -> Array:
-        return _checked("goal", goal, 3, "a point in world coordinates [m]")
+        return real_array("goal", goal, (3,), "a point in world coordinates [m]")
 
     def observe(self, goal: Array, moment: Moment) -> Array:
         return goal - moment.tip
@@ -183,13 +184,6 @@ TASKS: dict[str, type[Task]] = {"home": Home, "reach": Reach}
 """Tasks by name."""
 
 
-def _checked(name: str, value: ArrayLike, size: int, what: str) -> Array:
-    array = np.array(value, dtype=np.float64)
-    if array.shape != (size,) or not np.all(np.isfinite(array)):
-        raise ParameterError(f"{name} has to be {what}, finite and of shape ({size},), got {value!r}")
-    return array
-
-
 def make_task(task: str | Task) -> Task:
     """A task from its name in :data:`TASKS`, or as it is.
 
@@ -198,6 +192,4 @@ def make_task(task: str | Task) -> Task:
     """
     if isinstance(task, Task):
         return task
-    if task not in TASKS:
-        raise ParameterError(f"unknown task {task!r}; valid: {', '.join(TASKS)}, or a Task")
-    return TASKS[task]()
+    return TASKS[known_name("task", task, TASKS)]()

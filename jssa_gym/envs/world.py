@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.exceptions import DisplayError, ParameterError, RobotModelError
+from jssa_gym.exceptions import DisplayError, RobotModelError
 from jssa_gym.headless import choose_gl_backend, has_display
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Planes
+from jssa_gym.validation import known_name
 
 if TYPE_CHECKING:
     import mujoco
@@ -37,8 +38,7 @@ def planes_of(scene: str) -> Planes:
     Raises:
         ParameterError: Unknown scene.
     """
-    if scene not in SCENES:
-        raise ParameterError(f"unknown scene {scene!r}; valid: {', '.join(SCENES)}")
+    known_name("scene", scene, SCENES)
     return Planes(np.array([[0.0, 0.0, 1.0]]), np.array([SCENES[scene]]), (scene,))
 
 
@@ -73,8 +73,8 @@ class World:
         self._renderer: mujoco.Renderer | None = None
         self._window = None
         self.camera = mujoco.MjvCamera()
-        self.camera.azimuth, self.camera.elevation, self.camera.distance = 118.0, -12.0, 3.3
-        self.camera.lookat[:] = robot.mount + np.array([0.55, 0.0, 0.32])
+        self.camera.azimuth, self.camera.elevation, self.camera.distance = 98.0, -10.0, 3.1
+        self.camera.lookat[:] = robot.mount + np.array([0.5, 0.0, 0.27])
 
     def pose(self, position: Array) -> None:
         """Set the joints, shape (n,) [rad]; for pictures."""
@@ -267,10 +267,11 @@ def _decorate(spec: "mujoco.MjSpec", scene: str, pretty: bool, width: int, heigh
 
     visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight, visual.global_.fovy = width, height, 38.0
-    visual.quality.shadowsize = 4096 if pretty else 0
-    visual.quality.offsamples = 8 if pretty else 0
+    visual.quality.shadowsize = 2048 if pretty else 0
+    visual.quality.offsamples = 4 if pretty else 0
     visual.map.shadowclip, visual.map.shadowscale = 2.0, 0.9
     visual.map.znear, visual.map.zfar = 0.02, 40.0
+    visual.rgba.haze = [0.74, 0.78, 0.82, 1.0]
     visual.headlight.ambient = [0.40, 0.40, 0.42]
     visual.headlight.diffuse = [0.25, 0.25, 0.25]
     visual.headlight.specular = [0.2, 0.2, 0.2]

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 
-from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.body import Body, nobody, together
 from jssa_gym.humans.motions import (
     CLEARANCE,
@@ -14,6 +13,7 @@ from jssa_gym.humans.motions import (
     RandomWalk,
     Walk,
 )
+from jssa_gym.validation import known_name
 
 HUMANS: dict[str, Callable[[], HumanMotion]] = {
     "none": Nobody,
@@ -48,8 +48,6 @@ def make_human(human: str | HumanMotion | Sequence[str | HumanMotion]) -> HumanM
     """
     if isinstance(human, HumanMotion):
         return human
-    if isinstance(human, str):
-        if human not in HUMANS:
-            raise ParameterError(f"unknown human {human!r}; valid: {', '.join(HUMANS)}, or a HumanMotion")
-        return HUMANS[human]()
+    if isinstance(human, str) or not isinstance(human, Sequence):
+        return HUMANS[known_name("human", human, HUMANS)]()
     return Crowd([make_human(one) for one in human])

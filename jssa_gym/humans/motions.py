@@ -7,7 +7,6 @@ where the capsule will be. Motions that react get the robot's capsules in every 
 People keep their root at least :data:`CLEARANCE` from the robot's base axis (the world's z axis).
 """
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
@@ -16,6 +15,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.body import Body, nobody, together
 from jssa_gym.types import Array, CapsuleSet
+from jssa_gym.validation import positive_number, real_array
 
 Point = tuple[float, float]
 
@@ -49,6 +49,9 @@ class HumanMotion(ABC):
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
         """Move on by ``dt`` [s]; ``robot`` is the arm at the beginning of the step."""
 
+    def check_start(self, start: Array) -> None:  # noqa: B027  # a motion may take any start
+        """Refuse a start that :meth:`reset` could not take, with a ParameterError; (2,) [m]."""
+
 
 class Nobody(HumanMotion):
     """Nobody is there."""
@@ -70,34 +73,37 @@ class Walk(HumanMotion):
     reacts = False
 
     def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
-        self._time = 0.0
-        root, heading = self._begin(rng, None if start is None else np.asarray(start, float))
-        self._root = (float(root[0]), float(root[1]))
-        if math.hypot(*self._root) < CLEARANCE - 1e-9:
-            raise ParameterError(f"a person's root has to keep {CLEARANCE} m from the base axis, got {self._root}")
+        if start is not None:
+            self.check_start(start)
+        root, heading = self._begin(rng, start)
+        self._time, self._root = 0.0, (float(root[0]), float(root[1]))
         self._body = Body.facing(heading, person)
-        self._velocity = self._next_velocity()
+        self._velocity = self._next_velocity(0.0)
         return self._body.at(self._root, self._velocity)
 
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
         (x, y), (vx, vy) = self._root, self._velocity
         self._root = (x + vx * dt, y + vy * dt)
         self._time += dt
-        self._velocity = self._next_velocity()
+        self._velocity = self._next_velocity(dt)
         return self._body.at(self._root, self._velocity)
+
+    def check_start(self, start: Array) -> None:
+        if not np.hypot(*start) >= CLEARANCE:
+            raise ParameterError(f"a person's root keeps {CLEARANCE} m from the base axis; start is {start.tolist()}")
 
     @abstractmethod
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
         """Draw an episode: the root's start (2,) [m] and the body's heading [rad]."""
 
     @abstractmethod
-    def _next_velocity(self) -> Point:
-        """Velocity of the step to come [m/s]."""
+    def _next_velocity(self, dt: float) -> Point:
+        """Velocity of the step to come [m/s], which lasts about ``dt`` [s]; 0 before the first."""
 
 
 def _range(name: str, low_high: Sequence[float], least: float = 0.0) -> tuple[float, float]:
-    low, high = (float(x) for x in low_high)
-    if not (least <= low <= high < np.inf):
+    low, high = real_array(name, low_high, (2,), "(low, high)").tolist()
+    if not least <= low <= high:
         raise ParameterError(f"{name} has to be (low, high) with {least} <= low <= high, got {low_high!r}")
     return low, high
 
@@ -127,6 +133,10 @@ class ConstantVelocity(Walk):
         heading = rng.uniform(-np.pi, np.pi)
         side = rng.choice([-1.0, 1.0])
         speed, offset, passing = (rng.uniform(*r) for r in (self.speed, self.offset, self.passing))
+        if start is not None:
+            # from there, past the base axis at the drawn offset or, too near for that, straight across
+            distance = np.hypot(*start)
+            heading = np.arctan2(-start[1], -start[0]) + side * np.arcsin(min(offset / distance, 1.0))
         direction = np.array([np.cos(heading), np.sin(heading)])
         closest = side * offset * np.array([-direction[1], direction[0]])
         walking = speed * direction
@@ -134,7 +144,7 @@ class ConstantVelocity(Walk):
         root = closest - walking * passing if start is None else start
         return root, heading
 
-    def _next_velocity(self) -> Point:
+    def _next_velocity(self, dt: float) -> Point:
         return self._walking
 
 
@@ -160,14 +170,21 @@ class ApproachRetreat(Walk):
         stay: Sequence[float] = (0.5, 1.5),
     ) -> None:
         self.nearest = _range("nearest", nearest, CLEARANCE)
-        self.start = float(start)
-        if not self.nearest[1] < self.start < np.inf:
+        self.start = positive_number("start", start)
+        if not self.nearest[1] < self.start:
             raise ParameterError(f"start has to be beyond nearest {self.nearest}, got {start!r}")
         self.side = _range("side", side, -np.inf)
         self.speed, self.wait, self.stay = (
             _range(n, r) for n, r in zip(("speed", "wait", "stay"), (speed, wait, stay), strict=True)
         )
         self.speed_bound = self.speed[1]
+
+    def check_start(self, start: Array) -> None:
+        super().check_start(start)
+        if not start[0] >= self.nearest[1]:
+            raise ParameterError(
+                f"the person comes from in front: start needs x >= {self.nearest[1]}, got {start.tolist()}"
+            )
 
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
         nearest, side, speed, wait, stay = (
@@ -184,9 +201,10 @@ class ApproachRetreat(Walk):
         self._segments = list(zip(moments.tolist(), velocities, strict=True))
         return root, np.pi
 
-    def _next_velocity(self) -> Point:
+    def _next_velocity(self, dt: float) -> Point:
         for end, velocity in self._segments:
-            if self._time < end - 1e-9:
+            # a segment ends before the step that would overrun it: nobody comes nearer than planned
+            if self._time + dt <= end + 1e-9:
                 return velocity
         return _STILL
 
@@ -208,16 +226,21 @@ class RandomWalk(Walk):
         period: float = 0.2,
         region: Sequence[Sequence[float]] = ((0.65, 2.0), (-1.2, 1.2)),
     ) -> None:
-        for name, value in (("speed", speed), ("change", change), ("period", period)):
-            if not (0.0 < value < np.inf):
-                raise ParameterError(f"{name} has to be a positive number, got {value!r}")
-        self.speed_bound, self.change, self.period = float(speed), float(change), float(period)
-        self._low, self._high = np.array([_range("region", r, -np.inf) for r in region]).T
+        self.speed_bound = positive_number("speed", speed)
+        self.change, self.period = positive_number("change", change), positive_number("period", period)
+        self._low, self._high = real_array("region", region, (2, 2), "((x_low, x_high), (y_low, y_high))").T
+        if np.any(self._low >= self._high):
+            raise ParameterError(f"region has to be ((x_low, x_high), (y_low, y_high)), got {region!r}")
         nearest = np.hypot(*np.clip(np.zeros(2), self._low, self._high))
         if nearest < CLEARANCE:
             raise ParameterError(
                 f"region has to keep {CLEARANCE} m from the base axis, it comes within {nearest:.2f} m"
             )
+
+    def check_start(self, start: Array) -> None:
+        super().check_start(start)
+        if np.any(start < self._low) or np.any(start > self._high):
+            raise ParameterError(f"start {start.tolist()} is outside the region of this motion")
 
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
         self._rng = rng
@@ -225,14 +248,12 @@ class RandomWalk(Walk):
             # not within the arm's reach at once: the far half
             low = np.array([(self._low[0] + self._high[0]) / 2.0, self._low[1]])
             start = rng.uniform(low, self._high)
-        elif np.any(start < self._low) or np.any(start > self._high):
-            raise ParameterError(f"start {start.tolist()} is outside the region of this motion")
         self._goal, self._segment_end = start, 0.0
         self._velocity = _STILL
         return start, np.pi
 
-    def _next_velocity(self) -> Point:
-        if self._time < self._segment_end - 1e-9:
+    def _next_velocity(self, dt: float) -> Point:
+        if self._time + dt <= self._segment_end + 1e-9 and self._segment_end > 0.0:
             return self._velocity
         self._segment_end = self._time + self.period
         root = np.array(self._root)
@@ -276,6 +297,9 @@ class Crowd(HumanMotion):
             person += motion.people
             start = None
         return together(people)
+
+    def check_start(self, start: Array) -> None:
+        self.motions[0].check_start(start)
 
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
         return together([motion.step(dt, robot) for motion in self.motions])

@@ -73,19 +73,20 @@ def observe(links, capsules, state, agents, index, frames, segments, pairs, out,
 
 @jit
 def unsound(state, nominal, agents):
-    """Which input is not finite: 0 none, 1 the nominal jerk, 2 the joint state, 3 an agent."""
+    """Which input is not finite: 0 none, 1 the nominal jerk, 2 the joint state (it counts first), 3 an agent."""
     for k in range(nominal.shape[0]):
-        if not np.isfinite(nominal[k]):
-            return 1
         for i in range(3):
             if not np.isfinite(state[i, k]):
                 return 2
+    for k in range(nominal.shape[0]):
+        if not np.isfinite(nominal[k]):
+            return 1
     for j in range(agents.shape[0]):
         agent = agents[j]
         for k in range(3):
             total = agent["start"][k] + agent["end"][k] + agent["start_velocity"][k] + agent["end_velocity"][k]
             if not np.isfinite(total):
                 return 3
-        if not (agent["radius"] >= 0.0):
+        if not (0.0 <= agent["radius"] < np.inf):
             return 3
     return 0

@@ -94,3 +94,13 @@ def scale_action(fraction, bound, jerk):
         fraction[i] = min(max(fraction[i], -1.0), 1.0)
         jerk[i] = fraction[i] * bound[i]
     return True
+
+
+@jit
+def scale_nominal(fraction, bound, jerk):
+    """Scale an action by the jerk bounds; finite shares are kept within ±1000, NaN and infinity as they are."""
+    for i in range(fraction.shape[0]):
+        share = fraction[i]
+        if np.isfinite(share):
+            share = min(max(share, -1e3), 1e3)
+        jerk[i] = share * bound[i]

@@ -41,13 +41,15 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
     """
     if isinstance(robot, RobotModel):
         return robot
-    if str(robot) in ROBOTS:
-        return _built(ROBOTS[str(robot)])
-    path = Path(robot)
-    if path.suffix != ".xml" and not path.is_file():
+    if isinstance(robot, str) and robot in ROBOTS:
+        return _built(ROBOTS[robot])
+    if not isinstance(robot, str | Path) or Path(robot).suffix != ".xml":
         raise ParameterError(
-            f"unknown robot {str(robot)!r}; valid: a RobotModel, an MJCF file, or one of {', '.join(ROBOTS)}"
+            f"unknown robot {robot!r}; valid: a RobotModel, an MJCF file (.xml), or one of {', '.join(ROBOTS)}"
         )
+    path = Path(robot)
+    if not path.is_file():
+        raise RobotModelError(f"no MJCF file at {path}")
     velocity, acceleration, jerk = _limits_beside(path)
     return RobotModel.from_mjcf(path, velocity=velocity, acceleration=acceleration, jerk=jerk)
 

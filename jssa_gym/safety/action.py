@@ -25,4 +25,8 @@ def checked_action(action: Any, n: int) -> Array:
         )
     if array.shape != (n,):
         raise InvalidActionError(f"an action has shape ({n},), got {array.shape}")
+    if array.dtype.itemsize > 8:
+        # what a longer float holds beyond float64 becomes infinity, which the caller answers
+        with np.errstate(over="ignore"):
+            return array.astype(np.float64)
     return array.astype(np.float64)

@@ -1,6 +1,5 @@
 """Parameters of the safety index."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.index import Index
 from jssa_gym.types import Array
+from jssa_gym.validation import positive_number
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,7 @@ class IndexParams:
 
     def __post_init__(self) -> None:
         for name in ("d_min", "lambda1", "lambda2", "sliding_limit", "sin2_floor"):
-            value = getattr(self, name)
-            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
-                raise ParameterError(f"{name} has to be a positive number, got {value!r}")
+            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
         if self.lambda1**2 < 8.0 * self.lambda2 * self.d_min:
             raise ParameterError(
                 f"lambda1² has to be at least 8 lambda2 d_min: {self.lambda1**2:.4g} is below "

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.projection import project_row, project_rows, scratch, violation
 from jssa_gym.types import Array, HalfSpaces
+from jssa_gym.validation import real_array
 
 
 class Projection(NamedTuple):
@@ -36,9 +37,9 @@ class Projector(ABC):
     """
 
     def __init__(self, n: int, weight: ArrayLike | None = None) -> None:
-        V = np.ones(n) if weight is None else np.array(weight, float)
-        if V.shape not in ((n,), (n, n)) or not np.all(np.isfinite(V)):
-            raise ParameterError(f"weight has to be finite and of shape ({n},) or ({n}, {n}), got {V.shape}")
+        shape = (n, n) if np.ndim(np.asarray(weight, dtype=object)) == 2 else (n,)
+        what = "None, the diagonal of V, or V"
+        V = np.ones(n) if weight is None else real_array("weight", weight, shape, what)
         full = np.diag(V) if V.ndim == 1 else V
         if not np.allclose(full, full.T) or np.linalg.eigvalsh(full).min() <= 0.0:
             raise ParameterError("weight has to be symmetric positive definite")

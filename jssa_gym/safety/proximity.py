@@ -30,6 +30,9 @@ def agent_records(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
         or capsules.end_velocity.shape != ends
     ):
         raise ValueError(f"capsules need ends and velocities of shape {ends} for radii of shape {radius.shape}")
+    for array in (capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity, radius):
+        if array.dtype.kind not in "fiu":
+            raise ValueError(f"capsules are made of real numbers, got {array.dtype}")
     if out is None or len(out) != ends[0]:
         out = records(ends[0], AGENT)
     load_agents(capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity, radius, out)

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
-from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.filter import NoFilter, SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.shield import JSSAShield, Shield
+from jssa_gym.validation import known_name
 
 __all__ = ["FILTERS", "JSSAFilter", "JSSAShield", "NoFilter", "SafetyFilter", "Shield", "make_filter"]
 
@@ -39,6 +39,4 @@ def make_filter(name: str, robot: RobotModel, dt: float, index: IndexParams | No
     Raises:
         ParameterError: Unknown name.
     """
-    if name not in FILTERS:
-        raise ParameterError(f"unknown filter {name!r}; valid: {', '.join(FILTERS)}")
-    return FILTERS[name](robot, dt, index)
+    return FILTERS[known_name("filter", name, FILTERS)](robot, dt, index)

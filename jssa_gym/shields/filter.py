@@ -5,13 +5,15 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.motion import brake
+from jssa_gym.kernels.contact import unsound
+from jssa_gym.kernels.motion import brake, integrate
 from jssa_gym.kernels.records import AGENT, records
 from jssa_gym.kernels.tick import take_in
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.proximity import agent_records
-from jssa_gym.types import Array, Decision, Scene, Status
+from jssa_gym.types import Array, Decision, JointState, Scene, Status
+from jssa_gym.validation import positive_number
 
 _FAULTS = (
     "",
@@ -41,18 +43,25 @@ class SafetyFilter(ABC):
     """
 
     def __init__(self, robot: RobotModel, dt: float) -> None:
-        if not (np.isfinite(dt) and dt > 0.0):
-            raise ParameterError(f"dt has to be a positive number of seconds, got {dt!r}")
         self.robot = robot
-        self.dt = float(dt)
+        self.dt = positive_number("dt", dt)
         self.lower = np.array(-robot.limits.jerk)
         self.upper = np.array(robot.limits.jerk)
         self._state = np.zeros((3, robot.n))
+        self._incoming = np.zeros((3, robot.n))
+        self._applied = np.zeros(robot.n)
         self._clipped = np.zeros(robot.n)
+        self._none = records(0, AGENT)
         self._agents = records(0, AGENT)
 
-    def reset(self, scene: Scene) -> None:  # noqa: B027  # a filter without memory has nothing to reset
+    def reset(self, scene: Scene) -> None:
         """Forget the past: a new episode begins with ``scene``."""
+        self._applied[:] = 0.0
+        try:
+            self._read_state(scene.robot)
+            self._state[:] = np.nan_to_num(self._incoming)
+        except Exception:  # decide() will say what is wrong
+            self._state[:] = 0.0
 
     def decide(self, scene: Scene, nominal: Array) -> Decision:
         """The jerk to apply in this step.
@@ -62,26 +71,41 @@ class SafetyFilter(ABC):
 
         Args:
             scene: The present.
-            nominal: The policy's jerk, shape (n,) float64 [rad/s³].
+            nominal: The policy's jerk, shape (n,) [rad/s³].
+
+        Raises:
+            InvalidActionError: ``nominal`` has another shape or is not made of real numbers.
         """
-        state, robot, human = self._state, scene.robot, scene.human
-        n = self.robot.n
+        nominal = checked_action(nominal, self.robot.n)
         try:
-            if robot.position.shape != (n,) or scene.valid.shape != human.radius.shape:
-                raise ValueError(f"positions {robot.position.shape}, valid {scene.valid.shape}")
-            state[0] = robot.position
-            state[1] = robot.velocity
-            state[2] = robot.acceleration
+            self._read_state(scene.robot)
+        except Exception as error:  # whatever a robot reports, the arm must go on safely
+            return self._fault(nominal, f"the joint state cannot be read: {error}", readable=False)
+        try:
+            human = scene.human
             self._agents = agents = agent_records(human, self._agents)
-        except (ValueError, TypeError, AttributeError) as error:
-            return self._fault(nominal, f"the scene does not fit: {error}", readable=False)
-        fault, inside = take_in(state, nominal, scene.valid, self.lower, self.upper, agents, self._clipped)
+            if scene.valid.shape != human.radius.shape or scene.valid.dtype.kind != "b":
+                raise ValueError(f"valid has shape {scene.valid.shape} for {len(agents)} capsules")
+            fault, inside = take_in(self._incoming, nominal, scene.valid, self.lower, self.upper, agents, self._clipped)
+        except Exception as error:  # whatever a perception system delivers, the arm must go on safely
+            fault = unsound(self._incoming, nominal, self._none)
+            reason = f"the scene does not fit: {error}" if fault == 0 else _FAULTS[fault]
+            return self._fault(nominal, reason, readable=fault != 2)
         if fault:
             return self._fault(nominal, _FAULTS[fault], readable=fault != 2)
-        decision = self._filter(scene, state, agents, nominal, inside)
+        self._state, self._incoming = self._incoming, self._state
+        decision = self._filter(scene, self._state, agents, nominal, inside)
         if not decision.jerk.dot(decision.jerk) < np.inf:
-            return self._fault(nominal, "the filter's answer is not finite")
+            return self._brake(nominal, "the filter's answer is not finite")
+        self._applied[:] = decision.jerk
         return decision
+
+    def _read_state(self, robot: JointState) -> None:
+        shape = (self.robot.n,)
+        for row, values in enumerate((robot.position, robot.velocity, robot.acceleration)):
+            if values.shape != shape:
+                raise ValueError(f"it has shape {values.shape}, expected {shape}")
+            self._incoming[row] = values
 
     @abstractmethod
     def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
@@ -98,8 +122,18 @@ class SafetyFilter(ABC):
         return jerk
 
     def _fault(self, nominal: Array, reason: str, readable: bool = True) -> Decision:
-        # without a readable joint state no jerk is known to brake; zero at least adds nothing
-        jerk = self.fallback(self._state) if readable else np.zeros(self.robot.n)
+        """Brake on bad input: from the state just read or, unreadable, from where the last jerk must have led."""
+        if readable:
+            self._state, self._incoming = self._incoming, self._state
+        else:
+            integrate(self._state, self._applied, self.dt, self._state)
+        return self._brake(nominal, reason)
+
+    def _brake(self, nominal: Array, reason: str) -> Decision:
+        jerk = self.fallback(self._state)
+        # a state beyond all bounds can overflow; then at least nothing is added
+        jerk = np.where(np.isfinite(jerk), jerk, 0.0)
+        self._applied[:] = jerk
         return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
 
 

@@ -16,6 +16,7 @@ from jssa_gym.safety.projectors import PROJECTORS
 from jssa_gym.safety.proximity import agent_records, plane_records
 from jssa_gym.shields.filter import OUTSIDE, SafetyFilter
 from jssa_gym.types import Array, CapsuleSet, Decision, HalfSpaces, Planes, Scene, Status
+from jssa_gym.validation import known_name, positive_number
 
 _TOLERANCE = 1e-6
 """Index [m²] up to which a row counts as kept once the arm's true motion is computed."""
@@ -62,15 +63,11 @@ class JSSAFilter(SafetyFilter):
         min_authority: float = 5.0,
     ) -> None:
         super().__init__(robot, dt)
-        for name, value, valid in (
-            ("rows", rows, ("all", "closest")),
-            ("gradient", gradient, ("exact", "printed")),
-            ("projector", projector, tuple(PROJECTORS)),
-        ):
-            if value not in valid:
-                raise ParameterError(f"{name}={value!r} is unknown; valid: {', '.join(valid)}")
-        if not (np.isfinite(min_authority) and min_authority >= 0.0):
-            raise ParameterError(f"min_authority has to be a number >= 0, got {min_authority!r}")
+        known_name("rows", rows, ("all", "closest"))
+        known_name("gradient", gradient, ("exact", "printed"))
+        known_name("projector", projector, PROJECTORS)
+        if min_authority != 0.0:
+            min_authority = positive_number("min_authority", min_authority)
         if static_rows and gradient == "printed":
             raise ParameterError("the printed row is for humans only: static_rows needs gradient='exact'")
         self.index = index or IndexParams()
@@ -177,7 +174,7 @@ class JSSAFilter(SafetyFilter):
                 if left <= _TOLERANCE or not feasible:
                     break
             if np.isnan(left) or not np.isfinite(jerk).all():
-                return self._fault(nominal, "the safety index is not a number")
+                return self._brake(nominal, "the safety index is not a number")
         return self._decision(
             nominal, jerk, inside, feasible and left <= _TOLERANCE, left, rows, note, worst, distance, (row, column)
         )
@@ -214,7 +211,7 @@ class JSSAFilter(SafetyFilter):
                 jerk, feasible, left, note = projection
             phi = max((self._S[i] - self._L[i] @ jerk for i in range(count)), default=-np.inf)
             if np.isnan(left) or np.isnan(phi):
-                return self._fault(nominal, "the printed row is not a number")
+                return self._brake(nominal, "the printed row is not a number")
         return self._decision(nominal, jerk, inside, feasible, left, rows, note, phi, distance, (row, column))
 
     def _decision(

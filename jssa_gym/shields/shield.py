@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import InterfaceError
+from jssa_gym.kernels.motion import scale_nominal
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.index import IndexParams
@@ -90,7 +91,9 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
             InvalidActionError: Wrong shape or type, before anything moved.
         """
         fraction = checked_action(action, self._n)
-        decision = self.filter.decide(self._source.scene, fraction * self._jerk_bound)
+        nominal = np.empty(self._n)
+        scale_nominal(fraction, self._jerk_bound, nominal)
+        decision = self.filter.decide(self._source.scene, nominal)
         self.last_decision = decision
         correction = 0.0
         if decision.status != Status.NOMINAL:

@@ -1,0 +1,26 @@
+"""Make the README's pictures anew: ``python docs/images/make.py`` (a few minutes; needs the extra ``plots``)."""
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import av
+from PIL import Image
+
+HERE = Path(__file__).parent
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, "-m", "jssa_gym", "demo", "--pretty", "--out", folder], check=True)
+        Path(folder, "profile.png").replace(HERE / "profile.png")
+        with av.open(str(Path(folder, "side_by_side.mp4"))) as film:
+            frames = [frame.to_image() for frame in film.decode(video=0)]
+    small = [frame.resize((960, round(960 * frame.height / frame.width)), Image.Resampling.LANCZOS) for frame in frames]
+    # every second frame: 12.5 a second, the film's own speed
+    small[0].save(HERE / "demo.webp", save_all=True, append_images=small[2::2], duration=80, loop=0, quality=70)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,56 @@
+"""Checks of what users pass in, before anything happens."""
+
+import math
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jssa_gym.exceptions import ParameterError
+
+
+def positive_number(name: str, value: Any) -> float:
+    """A positive, finite number.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ParameterError(f"{name} has to be a positive number, got {value!r}")
+    number = float(value)
+    if not (math.isfinite(number) and number > 0.0):
+        raise ParameterError(f"{name} has to be a positive number, got {value!r}")
+    return number
+
+
+def real_array(name: str, value: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
+    """A finite array of real numbers of one shape, as a new float64 array.
+
+    Args:
+        name: Of the argument.
+        value: What was passed.
+        shape: What it has to have.
+        what: What it stands for, for the message.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (ValueError, TypeError):
+        array = None
+    if array is None or array.shape != shape or not np.all(np.isfinite(array)):
+        raise ParameterError(f"{name} has to be {what}, finite and of shape {shape}, got {value!r}")
+    return array
+
+
+def known_name(name: str, value: Any, valid: Any) -> str:
+    """A string that is one of the valid ones.
+
+    Raises:
+        ParameterError: It is not; the message lists them.
+    """
+    if not isinstance(value, str) or value not in valid:
+        raise ParameterError(f"unknown {name} {value!r}; valid: {', '.join(valid)}")
+    return value

@@ -1,0 +1,186 @@
+"""Who may import whom, read from the sources; and what ``import jssa_gym`` must not load."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import jssa_gym
+
+PACKAGE = Path(jssa_gym.__file__).parent
+
+LAYERS = (
+    ("kernels", "exceptions", "headless"),
+    ("types",),
+    ("robots", "humans"),
+    ("safety",),
+    ("shields", "envs", "control"),
+    ("plots", "policies"),
+    ("evaluation",),
+    ("train",),
+    ("viewer",),
+    ("cli",),
+    ("__main__",),
+)
+"""Lowest first; members of one layer are siblings and import none of each other."""
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+
+HEAVY = {
+    "torch": ("train", "policies"),
+    "stable_baselines3": ("train", "policies"),
+    "osqp": ("safety.projectors",),
+    "matplotlib": ("plots",),
+    "av": ("plots",),
+    "mujoco": ("robots.model", "envs.world", "evaluation.benchmark"),
+}
+"""Where a heavy library may be imported at all, and there only inside functions."""
+
+
+def _for_type_checkers(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+
+
+def imports(tree: ast.Module, module: str, package: bool = False):
+    """All imports as (dotted name, line, inside a function, for type checkers only); relative ones resolved."""
+
+    def visit(node, inside, typing_only):
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Import):
+                for alias in child.names:
+                    yield alias.name, child.lineno, inside, typing_only
+            elif isinstance(child, ast.ImportFrom):
+                base = child.module or ""
+                if child.level:
+                    parents = module.split(".")
+                    parents = parents[: len(parents) - child.level + (1 if package else 0)]
+                    base = ".".join([*parents, *([base] if base else [])])
+                for alias in child.names:
+                    yield f"{base}.{alias.name}", child.lineno, inside, typing_only
+            else:
+                function = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+                yield from visit(child, inside or function, typing_only or _for_type_checkers(child))
+
+    yield from visit(tree, False, False)
+
+
+def violations(source: str, module: str, package: bool = False) -> list[str]:
+    """What one module's source does against the rules; ``module`` is its dotted name, e.g. jssa_gym.envs.arm."""
+    tree, found = ast.parse(source), []
+    inner = module.removeprefix("jssa_gym").removeprefix(".")
+    own = inner.split(".")[0]
+    if own and own not in LEVEL:
+        return [f"{module} belongs to no layer"]
+    for name, line, inside, typing_only in imports(tree, module, package):
+        top, *rest = name.split(".")
+        where = f"{module}:{line}"
+        if top == "jssa_gym":
+            target = rest[0] if rest and rest[0] in LEVEL else ""
+            if own == "":
+                # the root registers names; it loads what it offers on first use
+                if target != "exceptions" and not inside and not typing_only:
+                    found.append(f"{where} the root imports {name} at once")
+            elif target == "":
+                found.append(f"{where} imports the root: {name}")
+            elif target != own and LEVEL[target] >= LEVEL[own]:
+                found.append(f"{where} {own} imports {target}, which is not below it")
+        elif top in HEAVY and not typing_only:
+            if not any(inner == place or inner.startswith(place + ".") for place in HEAVY[top]):
+                found.append(f"{where} {top} has no place here")
+            elif not inside:
+                found.append(f"{where} {top} is imported outside of a function")
+        elif top == "numba" and own != "kernels":
+            found.append(f"{where} numba outside of kernels")
+    if own not in ("cli", "__main__"):
+        found += [
+            f"{module}:{node.lineno} print"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
+        ]
+    return found
+
+
+def sources() -> list[tuple[str, bool, Path]]:
+    """Dotted name, whether it is a package, and path of every module."""
+    listed = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        package = parts[-1] == "__init__"
+        listed.append((".".join(parts[:-1] if package else parts), package, path))
+    return listed
+
+
+@pytest.mark.parametrize(("module", "package", "path"), sources(), ids=[module for module, _, _ in sources()])
+def test_a_module_imports_only_from_below(module, package, path):
+    assert violations(path.read_text(), module, package) == []
+
+
+def test_all_layers_of_the_package_were_read():
+    seen = {module.split(".")[1] for module, _, _ in sources() if "." in module}
+    assert {"kernels", "types", "robots", "humans", "safety", "shields", "envs", "control", "policies"} <= seen
+    assert {"plots", "evaluation", "cli", "exceptions", "headless", "__main__"} <= seen
+
+
+@pytest.mark.parametrize(
+    ("module", "source", "message"),
+    [
+        ("jssa_gym.safety.fake", "from jssa_gym.envs import ArmEnv", "safety imports envs"),
+        ("jssa_gym.humans.fake", "from jssa_gym.robots import RobotModel", "humans imports robots"),
+        ("jssa_gym.envs.fake", "import jssa_gym.shields.jssa", "envs imports shields"),
+        ("jssa_gym.shields.fake", "def f():\n    from jssa_gym.control import Cascade", "shields imports control"),
+        ("jssa_gym.plots", "from jssa_gym.policies import HoldPolicy", "plots imports policies"),
+        ("jssa_gym.kernels.fake", "from jssa_gym.exceptions import ParameterError", "kernels imports exceptions"),
+        ("jssa_gym.evaluation.fake", "from ..cli import demo", "evaluation imports cli"),
+        ("jssa_gym.evaluation.fake", "from .. import cli", "evaluation imports cli"),
+        ("jssa_gym.types", "import jssa_gym", "imports the root"),
+        ("jssa_gym", "from jssa_gym.envs import ArmEnv", "the root imports"),
+        ("jssa_gym.helpers", "", "belongs to no layer"),
+        ("jssa_gym.safety.projectors", "import osqp", "outside of a function"),
+        ("jssa_gym.plots", "from matplotlib.figure import Figure", "outside of a function"),
+        ("jssa_gym.envs.arm", "def f():\n    import mujoco", "no place here"),
+        ("jssa_gym.envs.arm", "class A:\n    import torch", "no place here"),
+        ("jssa_gym.safety.fake", "from numba import njit", "numba outside"),
+        ("jssa_gym.envs.fake", "def f():\n    print('x')", "print"),
+    ],
+)
+def test_the_check_sees_a_violation(module, source, message):
+    found = violations(source, module, package=module == "jssa_gym")
+    assert len(found) == 1
+    assert message in found[0]
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("jssa_gym.policies.fake", "from jssa_gym.control import Cascade"),
+        ("jssa_gym.cli.fake", "from jssa_gym.envs import ArmEnv\nprint('x')"),
+        ("jssa_gym.plots", "def f():\n    import av\n    from matplotlib import figure"),
+        ("jssa_gym.robots.model", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import mujoco"),
+        ("jssa_gym.safety.fake", "from .index import IndexParams"),
+    ],
+)
+def test_the_check_lets_pass_what_is_right(module, source):
+    assert violations(source, module) == []
+
+
+def test_importing_the_package_loads_nothing_heavy_and_registers_the_ids():
+    script = (
+        "import sys, jssa_gym, gymnasium\n"
+        "heavy = ('torch', 'stable_baselines3', 'osqp', 'matplotlib', 'mujoco', 'numba', 'av', 'scipy')\n"
+        "print([name for name in heavy if name in sys.modules])\n"
+        "print(sorted(name for name in gymnasium.registry if name.startswith('jssa_gym/')))\n"
+    )
+    run = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=True)
+    loaded, ids = run.stdout.splitlines()
+    assert loaded == "[]"
+    expected = ["Home-v0", "HomeShielded-v0", "Reach-v0", "ReachShielded-v0"]
+    assert set(ast.literal_eval(ids)) >= {f"jssa_gym/{name}" for name in expected}
+
+
+def test_public_names_are_what_they_say():
+    for name in jssa_gym.__all__:
+        assert name in dir(jssa_gym)
+        assert getattr(jssa_gym, name) is not None
+    with pytest.raises(AttributeError, match="no_such_name"):
+        jssa_gym.no_such_name  # noqa: B018
