@@ -1,0 +1,100 @@
+"""Prints what the kernels compute for a few fixed inputs, as JSON; run by test_compiled.py in both modes."""
+
+import json
+
+import numpy as np
+
+from jssa_gym.humans import Body
+from jssa_gym.kernels.capsules import measure_planes, measure_self
+from jssa_gym.kernels.chain import drift_of, forward, jacobian, jacobian_rate, place
+from jssa_gym.kernels.contact import observe
+from jssa_gym.kernels.index import assess, exact_rows, measure_present, printed_rows
+from jssa_gym.kernels.motion import brake, integrate, scale_action, violates
+from jssa_gym.kernels.projection import project_row, project_rows, scratch, violation
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
+from jssa_gym.robots import make_robot
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.proximity import agent_records
+
+TAU = 0.008
+
+
+def main() -> None:
+    robot = make_robot("lr_mate_200id_7l").mounted([0.0, 0.0, 0.87])
+    n, bound = robot.n, np.array(robot.limits.jerk)
+    rng = np.random.default_rng(3)
+    index = IndexParams(lambda1=3.0, lambda2=1.0, sliding=True).kernel()
+    planes = records(1, PLANE)
+    planes["normal"], planes["offset"] = [0.0, 0.0, 1.0], 0.87
+    result: dict[str, list[float]] = {}
+
+    def keep(name: str, value) -> None:
+        numbers = np.asarray(value, float).ravel()
+        result.setdefault(name, []).extend(np.where(np.isfinite(numbers), numbers, 0.0).tolist())
+
+    for _ in range(4):
+        state = np.array([robot.home + rng.normal(size=n) * 0.3, rng.normal(size=n), rng.normal(size=n) * 3.0])
+        jerk = rng.uniform(-1.0, 1.0, n) * bound
+        agents = agent_records(Body.facing().at((0.75 + rng.uniform(0.0, 0.3), 0.1), (-0.8, 0.1)))
+        frames, segments = records(n, FRAME), records(len(robot.capsules), SEGMENT)
+        pairs, after = records((len(segments), len(agents) + 1), PAIR), np.zeros((3, n))
+        worst = assess(
+            robot.links, robot.capsules, state, jerk, agents, planes, TAU, index, after, frames, segments, pairs
+        )
+        keep("assess", worst)
+        for name in ("distance", "s", "r", "phi"):
+            keep(f"pair {name}", pairs[name])
+        for name in ("origin", "omega", "alpha", "psi", "velocity", "acceleration", "drift"):
+            keep(f"frame {name}", frames[name])
+        L, S, owner = np.zeros((40, n)), np.zeros(40), np.zeros(40, np.int64)
+        count = exact_rows(
+            frames, segments, agents, planes, pairs, jerk, -bound, bound, TAU, index, -1, 1e-3, L, S, owner
+        )
+        keep("rows", L[:count])
+        keep("right", S[:count])
+        floats, active = scratch(n)
+        out = np.zeros(n)
+        _, left = project_rows(jerk, L, S, count, -bound, bound, np.eye(n), floats, active, out)
+        keep("projection left", left)
+        if left < 1e-9:
+            keep("projection", out)
+            keep("violation", violation(L, S, count, out))
+        project_row(jerk, L[0], S[0], -bound, bound, np.ones(n), out)
+        keep("one row", out)
+
+        columns = np.zeros((3, n))
+        jacobian(frames, n - 1, np.array([0.4, 0.1, 1.4]), columns)
+        keep("jacobian", columns)
+        jacobian_rate(frames, n - 1, np.array([0.4, 0.1, 1.4]), columns)
+        keep("jacobian rate", columns)
+        keep("drift", drift_of(frames[n - 1], np.array([0.1, 0.0, 0.1])))
+
+        human_pairs = records((len(segments), len(agents)), PAIR)
+        near, parts = np.zeros(13), np.zeros(6)
+        observe(robot.links, robot.capsules, state, agents, index, frames, segments, human_pairs, near, parts)
+        keep("observe", near)
+        keep("parts", parts)
+        measure_present(robot.links, robot.capsules, state, agents, frames, segments, human_pairs)
+        count = printed_rows(frames, segments, agents, human_pairs, -bound, bound, TAU, index, -1, 1e-3, L, S, owner)
+        keep("printed", L[:count])
+        own, plane_pairs = np.zeros(len(robot.self_pairs)), records((len(segments), 1), PAIR)
+        measure_self(segments, robot.self_pairs, own)
+        measure_planes(segments, planes, plane_pairs)
+        keep("own", own)
+        keep("planes", plane_pairs["distance"])
+
+        integrate(state, jerk, TAU, after)
+        keep("integrate", after)
+        brake(state, -bound, bound, TAU, out)
+        keep("brake", out)
+        fraction = rng.uniform(-2.0, 2.0, n)
+        keep("scaled", [scale_action(fraction, bound, out), *out])
+        limits = robot.limits
+        rows = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+        keep("violates", [violates(state, jerk, rows, 1e-9)])
+    assert records(1, AGENT).size == 1
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""What the README and the examples show really runs."""
+
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+def readme_blocks() -> list[str]:
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    assert len(blocks) >= 2
+    return blocks
+
+
+@pytest.mark.parametrize("block", range(len(readme_blocks())))
+def test_readme_block_runs(block: int) -> None:
+    source = readme_blocks()[block]
+    if "stable_baselines3" in source:
+        pytest.importorskip("stable_baselines3")
+    exec(compile(source, f"README block {block}", "exec"), {"__name__": "readme"})
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "examples").glob("*.py")))
+def test_example_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = {"train_ppo.py": ["--steps", "320"]}.get(name, [])
+    if name == "train_ppo.py":
+        pytest.importorskip("stable_baselines3")
+    monkeypatch.setattr(sys, "argv", [name, *arguments])
+    runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
+
+
+def test_readme_commands_are_single_lines_that_install_under_the_constraints() -> None:
+    commands = re.findall(r"```bash\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    assert len(commands) == 2
+    for command in commands:
+        assert command.count("\n") == 1
+        assert "-c constraints.txt" in command
+
+
+def test_pictures_and_links_of_the_readme_exist() -> None:
+    text = (ROOT / "README.md").read_text()
+    targets = re.findall(r"\]\(((?!http)[^)#]+)\)", text)
+    assert targets
+    for target in targets:
+        assert (ROOT / target).exists(), target
