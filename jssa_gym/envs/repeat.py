@@ -3,6 +3,7 @@
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
 from jssa_gym.exceptions import ParameterError
 
@@ -16,7 +17,7 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
     It goes *outside* the shield, which then still decides in every tick. Rewards are summed, and ``info`` tells about
     all ticks, not the last one only: ``distance`` is the smallest, ``cost`` the sum, ``contact``, ``limit_violation``,
     ``success`` and ``shield/intervened`` whether any tick had it, ``contact_speed`` and the shield's status, index,
-    correction and slack the largest. Other keys are the last tick's. An episode's end in between ends the repetition.
+    correction and slack the largest (NaN if any is), ``shield/reason`` the first of that status. Other keys are the last tick's. An episode's end in between ends the repetition.
 
     Args:
         env: The environment.
@@ -50,5 +51,10 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
                 merged[key] = any(i[key] for i in seen)
         for key in _LARGEST:
             if key in info:
-                merged[key] = max(i[key] for i in seen)
+                # numpy's maximum is NaN if any tick's is: a fault must not be hidden
+                merged[key] = type(info[key])(np.max([i[key] for i in seen]))
+        if "shield/status" in info:
+            merged["shield/reason"] = next(
+                i["shield/reason"] for i in seen if i["shield/status"] == merged["shield/status"]
+            )
         return observation, total, terminated, truncated, merged

@@ -1,5 +1,6 @@
 """The MuJoCo side of a scene: pictures, and the servoed arm."""
 
+import threading
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,6 +73,7 @@ class World:
         self.data = mujoco.MjData(self.model)
         self._renderer: mujoco.Renderer | None = None
         self._window = None
+        self._window_threads: set[threading.Thread] = set()
         self.camera = mujoco.MjvCamera()
         self.camera.azimuth, self.camera.elevation, self.camera.distance = 98.0, -10.0, 3.1
         self.camera.lookat[:] = robot.mount + np.array([0.5, 0.0, 0.27])
@@ -138,7 +140,9 @@ class World:
                 raise DisplayError("no display for a window; use render_mode='rgb_array'")
             import mujoco.viewer
 
+            others = set(threading.enumerate())
             self._window = mujoco.viewer.launch_passive(self.model, self.data, show_left_ui=False, show_right_ui=False)
+            self._window_threads = set(threading.enumerate()) - others
             self._window.opt.geomgroup[3] = 0
             with self._window.lock():
                 for name in ("azimuth", "elevation", "distance"):
@@ -259,6 +263,9 @@ class World:
         if self._window is not None:
             self._window.close()
             self._window = None
+            # the window's own thread must be gone before the interpreter is, or it takes it down
+            for thread in self._window_threads:
+                thread.join(timeout=5.0)
 
 
 def _decorate(spec: "mujoco.MjSpec", scene: str, pretty: bool, width: int, height: int) -> None:

@@ -21,6 +21,9 @@ Point = tuple[float, float]
 
 _STILL: Point = (0.0, 0.0)
 
+_ARRIVED = 0.1
+"""Distance from which a wandering person picks the next place to go to [m]."""
+
 CLEARANCE = 0.6
 """Smallest distance of a person's root from the base axis [m]."""
 
@@ -231,6 +234,8 @@ class RandomWalk(Walk):
         self._low, self._high = real_array("region", region, (2, 2), "((x_low, x_high), (y_low, y_high))").T
         if np.any(self._low >= self._high):
             raise ParameterError(f"region has to be ((x_low, x_high), (y_low, y_high)), got {region!r}")
+        if np.hypot(*(self._high - self._low)) < 4.0 * _ARRIVED:
+            raise ParameterError(f"region has to be at least {4.0 * _ARRIVED} m across, got {region!r}")
         nearest = np.hypot(*np.clip(np.zeros(2), self._low, self._high))
         if nearest < CLEARANCE:
             raise ParameterError(
@@ -258,7 +263,7 @@ class RandomWalk(Walk):
         self._segment_end = self._time + self.period
         root = np.array(self._root)
         way = self._goal - root
-        while np.hypot(*way) < 0.1:
+        while np.hypot(*way) < _ARRIVED:
             self._goal = self._rng.uniform(self._low, self._high)
             self._pace = self._rng.uniform(0.3, 1.0) * self.speed_bound
             way = self._goal - root
