@@ -17,7 +17,8 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
     It goes *outside* the shield, which then still decides in every tick. Rewards are summed, and ``info`` tells about
     all ticks, not the last one only: ``distance`` is the smallest, ``cost`` the sum, ``contact``, ``limit_violation``,
     ``success`` and ``shield/intervened`` whether any tick had it, ``contact_speed`` and the shield's status, index,
-    correction and slack the largest (NaN if any is), ``shield/reason`` the first of that status. Other keys are the last tick's. An episode's end in between ends the repetition.
+    correction and slack the largest (NaN if any is), ``shield/reason`` the first of that status. Other keys are the
+    last tick's. An episode's end in between ends the repetition.
 
     Args:
         env: The environment.
