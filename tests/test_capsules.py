@@ -56,8 +56,6 @@ DEGENERATE = {
 @pytest.fixture(params=[1, pytest.param(100, marks=pytest.mark.slow)])
 def times(request):
     """Factor on the number of cases; the large one runs with -m slow."""
-    if request.param > 1 and "slow" not in request.config.option.markexpr:
-        pytest.skip("large counts run with -m slow")
     return request.param
 
 

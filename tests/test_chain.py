@@ -29,8 +29,6 @@ LAYOUTS = {"three joints": (0, 2, 0, 0, 1, 0), "seven joints": (1, 0, 2, 1, 0, 1
 @pytest.fixture(params=[1, pytest.param(50, marks=pytest.mark.slow)])
 def times(request):
     """Factor on the number of cases; the large one runs with -m slow."""
-    if request.param > 1 and "slow" not in request.config.option.markexpr:
-        pytest.skip("large counts run with -m slow")
     return request.param
 
 

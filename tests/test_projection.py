@@ -1,5 +1,8 @@
 """Projection of a jerk onto rows and box: nearest, inside, and honest about what it could not satisfy."""
 
+import os
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.projection import clip, project_row, project_rows, violation
+from jssa_gym.kernels.projection import clip, project_row, project_rows, scratch, violation
 from jssa_gym.robots import lr_mate_200id_7l
 from jssa_gym.safety.projectors import PROJECTORS, ExactProjector, OSQPProjector
 from jssa_gym.types import HalfSpaces
@@ -25,8 +28,6 @@ OSQP_WARNING = "ignore:The default value of raise_error:PendingDeprecationWarnin
 @pytest.fixture(params=[1, pytest.param(100, marks=pytest.mark.slow)])
 def times(request):
     """Factor on the number of cases; the large one runs with -m slow."""
-    if request.param > 1 and "slow" not in request.config.option.markexpr:
-        pytest.skip("large counts run with -m slow")
     return request.param
 
 
@@ -56,8 +57,8 @@ def one_row(nominal, row, right, lower, upper, weight):
 def many_rows(nominal, L, S, lower, upper, V):
     n = len(nominal)
     out = np.full(n, np.nan)
-    # more scratch than asked for: test_scratch_stays_in_its_bounds is about its size
-    floats, active = np.full((5 * n + 20, n + 2), np.nan), np.full(n + 2, -7, np.int64)
+    floats, active = scratch(n)
+    floats[:], active[:] = np.nan, -7  # what the last problem left in it must not matter
     feasible, left = project_rows(nominal, L, S, len(S), lower, upper, np.linalg.inv(V), floats, active, out)
     return out, feasible, left
 
@@ -291,41 +292,40 @@ def test_many_rows_keep_a_safe_nominal_to_rounding():
         np.testing.assert_array_max_ulp(u, nominal, maxulp=1)
 
 
-@pytest.mark.parametrize(
-    "n",
-    [
-        pytest.param(
-            1,
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="project_rows, n = 1: row 4 (n + 1) + 9 of floats is used, but 5 n + 12 = 17 rows "
-                "are asked for: ExactProjector(1) writes behind its array",
-            ),
-        ),
-        *range(2, 9),
-    ],
-)
-def test_scratch_stays_in_its_bounds(n):
-    """Kernels do not check bounds: what the docstring asks for as scratch must be all that is written."""
-    rng = np.random.default_rng(10)
-    floats, active = np.full((5 * n + 30, n + 2), 7.5), np.full(n + 20, 77, np.int64)
-    for m in (1, 4, 12):
-        lower, upper = box(rng, n)
+CHECKED = """
+import numpy as np
+from jssa_gym.kernels.projection import project_rows, scratch
+rng = np.random.default_rng(10)
+for n in (1, 2, 3, 6, 7, 9):
+    floats, active = scratch(n)
+    for m in (0, 1, 4, 12):
         for S in (rng.normal(size=m), np.full(m, 1e3)):
-            project_rows(
-                2.0 * rng.uniform(lower, upper),
-                rng.normal(size=(m, n)),
-                S,
-                m,
-                lower,
-                upper,
-                np.eye(n),
-                floats[: 5 * n + 12],
-                active[: n + 2],
-                np.empty(n),
-            )
-    assert np.all(floats[5 * n + 12 :] == 7.5)
-    assert np.all(active[n + 2 :] == 77)
+            upper = rng.uniform(20.0, 200.0, n)
+            nominal, L = 2.0 * rng.uniform(-upper, upper), rng.normal(size=(m, n))
+            project_rows(nominal, L, S, m, -upper, upper, np.eye(n), floats, active, np.empty(n))
+"""
+
+
+def test_no_kernel_writes_behind_its_scratch():
+    """Compiled kernels do not check bounds; interpreted, numpy does, at every index."""
+    run = subprocess.run(
+        [sys.executable, "-c", CHECKED],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("name", PROJECTORS)
+def test_a_single_joint_with_many_rows(name):
+    """The smallest arm there is: the nearest point of an interval."""
+    rows = HalfSpaces(np.array([[1.0], [-1.0], [0.5]]), np.array([0.7, -0.9, 0.1]))
+    for nominal, expected in ((0.5, 0.7), (0.8, 0.8), (2.0, 0.9)):
+        found = PROJECTORS[name](1).project(np.array([nominal]), rows, -np.ones(1), np.ones(1))
+        assert found.feasible
+        assert found.jerk[0] == pytest.approx(expected, abs=1e-6)
 
 
 def test_violation_and_clip():
@@ -465,6 +465,7 @@ def test_one_projector_solves_problem_after_problem(name):
         np.testing.assert_allclose(found.jerk, fresh.jerk, rtol=0, atol=1e-12 if name == "exact" else 0.1)
 
 
+@pytest.mark.filterwarnings(OSQP_WARNING)
 @pytest.mark.parametrize("name", PROJECTORS)
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_rows_that_are_no_numbers_are_never_feasible(name, count):
