@@ -129,11 +129,6 @@ def test_nearly_parallel_segments_lose_at_most_a_micrometre_a_metre():
         assert distance <= expected + 1.1e-6 * length
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="closest_points: under an angle of 1e-6 rad only the first end s = 0 is looked at, so that the "
-    "distance depends on the order by up to 1e-6 of the length; the test plan (T5) asks for 1e-12",
-)
 def test_nearly_parallel_segments_are_symmetric():
     """Turning a capsule round must not move the distance, not even between nearly parallel axes."""
     symmetric(O, X, 0.1 * Y, X + (0.1 - 5e-7) * Y, 1.0)
@@ -250,13 +245,7 @@ def test_half_space_distance(times):
     "where",
     [
         "start",
-        pytest.param(
-            "end",
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="plane_pair: min(height_a, height_b) drops a NaN in height_b, and s = 0 then hides it",
-            ),
-        ),
+        "end",
     ],
 )
 def test_a_nan_end_has_no_height_over_a_plane(where):

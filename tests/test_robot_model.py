@@ -346,7 +346,6 @@ def test_wrong_position_limits_are_refused(bad):
         JointLimits(np.array(bad), np.ones(1), np.ones(1), np.ones(1))
 
 
-@pytest.mark.xfail(strict=True, reason="JointLimits: the docstring refuses what is not finite, positions pass")
 @pytest.mark.parametrize("bad", [[[-np.inf, 1.0]], [[-1.0, np.inf]]])
 def test_infinite_position_limits_are_refused(bad):
     """A joint without an end has no position limit to keep, and no home in the middle."""
@@ -428,12 +427,9 @@ def test_a_user_s_arm_with_limits_beside_it(tmp_path, unit):
             r"velocity limits have shape \(1,\), expected \(2,\)",
         ),
         (LIMITS.format("deg").replace("[90, 180]", "[90, -180]"), r"velocity limits have to be positive"),
-        pytest.param(
+        (
             LIMITS.format("deg").replace("[90, 180]", '["fast", "slow"]'),
             r"mine\.limits\.toml.*velocity",
-            marks=pytest.mark.xfail(
-                strict=True, reason="make_robot: a limit that is no number raises a bare ValueError"
-            ),
         ),
     ],
 )

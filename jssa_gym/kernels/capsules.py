@@ -18,6 +18,24 @@ def _unit(x):
 
 
 @jit
+def _closest_of_parallel(w, e, f, ee, ff, ef, ew, fw):
+    """Closest points of parallel segments: an end of one of them takes part."""
+    best_s, best_r, best = 0.0, 0.0, np.inf
+    for k in range(4):
+        if k < 2:
+            s = float(k)
+            r = _unit((ef * s + fw) / ff)
+        else:
+            r = float(k - 2)
+            s = _unit((ef * r - ew) / ee)
+        gap = (w[0] + s * e[0] - r * f[0], w[1] + s * e[1] - r * f[1], w[2] + s * e[2] - r * f[2])
+        length2 = dot(gap, gap)
+        if not (length2 >= best):
+            best_s, best_r, best = s, r, length2
+    return best_s, best_r
+
+
+@jit
 def closest_points(a, b, c, d):
     r"""Fractions :math:`s, r` of the closest points of the segments a–b and c–d.
 
@@ -36,7 +54,9 @@ def closest_points(a, b, c, d):
         return _unit(-ew / ee), 0.0
     ef = dot(e, f)
     det = ee * ff - ef * ef
-    s = _unit((ef * fw - ew * ff) / det) if det > _PARALLEL * ee * ff else 0.0
+    if not (det > _PARALLEL * ee * ff):
+        return _closest_of_parallel(w, e, f, ee, ff, ef, ew, fw)
+    s = _unit((ef * fw - ew * ff) / det)
     r = (ef * s + fw) / ff
     if r < 0.0:
         r = 0.0
@@ -62,8 +82,10 @@ def capsule_pair(a, b, c, d, radii):
 def plane_pair(a, b, radius, plane):
     """Signed surface distance of a capsule to a solid half-space, and the fraction of its lowest axis point."""
     height_a, height_b = dot(plane["normal"], a), dot(plane["normal"], b)
-    s = 1.0 if height_b < height_a else 0.0
-    return min(height_a, height_b) - plane["offset"] - radius, s
+    s, lowest = (1.0, height_b) if height_b < height_a else (0.0, height_a)
+    if np.isnan(height_a + height_b):
+        lowest = np.nan
+    return lowest - plane["offset"] - radius, s
 
 
 @jit

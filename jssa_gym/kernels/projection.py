@@ -52,6 +52,14 @@ def clip(u, lower, upper, out):
 
 
 @jit
+def _mend(lower, upper, u):
+    """Where rows that are no numbers made a jerk that is none, put the smallest jerk of the box."""
+    for k in range(u.shape[0]):
+        if np.isnan(u[k]):
+            u[k] = min(max(0.0, lower[k]), upper[k])
+
+
+@jit
 def project_row(nominal, row, right, lower, upper, weight, out):
     r"""Project onto one half-space and the box, exactly.
 
@@ -105,7 +113,9 @@ def project_row(nominal, row, right, lower, upper, weight, out):
         for k in range(n):
             out[k] = min(max(nominal[k] + mu * row[k] / weight[k], lower[k]), upper[k])
             gap -= row[k] * out[k]
-    return _settle(row, right, lower, upper, weight, out)
+    left = _settle(row, right, lower, upper, weight, out)
+    _mend(lower, upper, out)
+    return left
 
 
 @jit
@@ -321,6 +331,8 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
         Whether the rows were feasible, and the largest violation of ``out`` [m²].
     """
     n = nominal.shape[0]
+    if clip(nominal, lower, upper, out) and violation(L, S, count, out) <= 0.0:
+        return True, 0.0
     size = n + 1
     inverse, normals, mapped, gram, vectors = floats[0], floats[1], floats[2], floats[3], floats[4]
     scales, x = vectors[6], vectors[7]
@@ -348,4 +360,5 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
             break
     for k in range(n):
         out[k] = min(max(x[k] * scales[k], lower[k]), upper[k])
+    _mend(lower, upper, out)
     return not relaxed, violation(L, S, count, out)

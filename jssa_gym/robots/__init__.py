@@ -67,5 +67,10 @@ def _limits_beside(path: Path) -> tuple[Array, Array, Array]:
     if missing or table.get("unit") not in ("deg", "rad"):
         raise RobotModelError(f"{beside.name} needs velocity, acceleration, jerk, and unit = 'deg' or 'rad'")
     factor = np.pi / 180.0 if table["unit"] == "deg" else 1.0
-    velocity, acceleration, jerk = (factor * np.asarray(table[name], float) for name in names)
+    try:
+        velocity, acceleration, jerk = (factor * np.asarray(table[name], float) for name in names)
+    except (ValueError, TypeError) as error:
+        raise RobotModelError(
+            f"{beside.name}: velocity, acceleration, jerk have to be lists of numbers: {error}"
+        ) from error
     return velocity, acceleration, jerk

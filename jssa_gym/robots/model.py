@@ -47,8 +47,10 @@ class JointLimits:
             object.__setattr__(self, name, _frozen(getattr(self, name)))
         if self.position.ndim != 2 or self.position.shape[1] != 2:
             raise RobotModelError(f"position limits have shape {self.position.shape}, expected (n, 2)")
-        if not np.all(self.position[:, 0] < self.position[:, 1]):
-            raise RobotModelError("every lower position limit has to be below the upper one")
+        if not (np.all(self.position[:, 0] < self.position[:, 1]) and np.all(np.isfinite(self.position))):
+            raise RobotModelError(
+                f"position limits have to be finite, the lower below the upper, got {self.position.tolist()}"
+            )
         for name in ("velocity", "acceleration", "jerk"):
             limit = getattr(self, name)
             if limit.shape != (len(self.position),):

@@ -109,9 +109,9 @@ class OSQPProjector(Projector):
             scaling=0,
             rho=1.0,
             polishing=True,
-            eps_abs=1e-6,
-            eps_rel=1e-6,
-            max_iter=2000,
+            eps_abs=1e-8,
+            eps_rel=1e-8,
+            max_iter=4000,
         )
         self._metric = self.weight / mean
         self._capacity = capacity
@@ -124,7 +124,7 @@ class OSQPProjector(Projector):
             jerk = self._solve(nominal, rows, lower, upper, count)
         except Exception as error:  # whatever a solver throws, the arm must go on safely
             return self._repair(nominal, rows, lower, upper, f"osqp raised {type(error).__name__}")
-        if jerk is None or not np.all(np.isfinite(jerk)):
+        if jerk is None or jerk.shape != (self.n,) or not np.all(np.isfinite(jerk)):
             return self._repair(nominal, rows, lower, upper, "osqp gave no finite answer")
         jerk = np.clip(jerk, lower, upper)
         left = violation(rows.L, rows.S, count, jerk)
@@ -154,7 +154,7 @@ class OSQPProjector(Projector):
             u=self._upper,
         )
         self._solver.warm_start(x=np.zeros(self.n), y=np.zeros(len(self._lower)))
-        answer = self._solver.solve()
+        answer = self._solver.solve(raise_error=False)
         return None if answer.x is None else np.asarray(answer.x, float) * unit
 
     def _repair(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array, why: str) -> Projection:

@@ -1,0 +1,244 @@
+"""The command line, run as users run it: complete files or none, one line and exit code 2 on bad input."""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from jssa_gym import plots
+from jssa_gym.cli import main
+from jssa_gym.cli.files import write_json
+from jssa_gym.evaluation import Summary
+from jssa_gym.exceptions import MissingExtraError
+
+SHORT = ("demo", "--seconds", "0.4")
+
+
+def cli(*arguments, cwd=None, before=""):
+    """``jssa-gym`` in another process; ``before`` is Python run ahead of it."""
+    script = f"{before}\nimport sys\nsys.argv[0] = 'jssa-gym'\nfrom jssa_gym.cli import main\nmain()"
+    return subprocess.run(
+        [sys.executable, "-c", script, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env={**os.environ, "COLUMNS": "120"},
+        check=False,
+    )
+
+
+def one_line(run) -> str:
+    """The only line on stderr of a command that was refused."""
+    assert run.returncode == 2, run.stderr
+    assert "Traceback" not in run.stderr
+    assert run.stdout == ""
+    (line,) = (line for line in run.stderr.splitlines() if line.strip())
+    assert line.startswith("jssa-gym: ")
+    return line
+
+
+def check_metrics(path):
+    summaries = json.loads(path.read_text())
+    assert [summary["name"] for summary in summaries] == ["no shield", "as published", "JSSAShield"]
+    for summary in summaries:
+        assert list(summary) == list(Summary.__dataclass_fields__)
+        assert summary["steps"] == 50
+    assert summaries[0]["shield_p50"] is None
+    assert all(summary["shield_p50"] > 0.0 for summary in summaries[1:])
+    return summaries
+
+
+def test_demo_writes_its_files_and_prints_a_table(tmp_path):
+    run = cli(*SHORT, "--no-video", "--out", tmp_path / "deep" / "out")
+    assert run.returncode == 0, run.stderr
+    assert "JSSAShield" in run.stdout
+    assert "min distance" in run.stdout
+    assert sorted(path.name for path in (tmp_path / "deep" / "out").iterdir()) == ["metrics.json", "profile.png"]
+    check_metrics(tmp_path / "deep" / "out" / "metrics.json")
+    assert (tmp_path / "deep" / "out" / "profile.png").read_bytes().startswith(b"\x89PNG")
+    assert "profile.png" in run.stderr
+
+
+@pytest.mark.gl
+def test_demo_films_and_prints_json(tmp_path):
+    av = pytest.importorskip("av", reason="PyAV is not installed")
+    run = cli(*SHORT, "--json", "--out", tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout) == check_metrics(tmp_path / "metrics.json")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["metrics.json", "profile.png", "side_by_side.mp4"]
+    with av.open(str(tmp_path / "side_by_side.mp4")) as film:
+        stream = film.streams.video[0]
+        pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(stream)]
+        assert stream.codec_context.name == "h264"
+        assert float(stream.average_rate) == 25.0
+    assert len(pictures) == 10
+    assert pictures[0].shape == (480 + 30 + 14, 3 * 480, 3)
+    for picture in pictures:
+        for column in np.split(picture, 3, axis=1):
+            assert column[30:-14].std() > 10.0
+            # a yellow arm in every column
+            red, green, blue = (column[30:-14, :, i].astype(int) for i in range(3))
+            assert ((red > 120) & (green > 80) & (blue < green / 2)).mean() > 0.005
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("demo", "--seconds", "0.01"), "seconds"),
+        (("demo", "--seconds", "nan"), "seconds"),
+        (("demo", "--seconds", "1e9"), "seconds"),
+        (("demo", "--speed", "-1"), "speed"),
+        (("demo", "--speed", "nan"), "speed"),
+        (("bench", "--rounds", "0"), "rounds"),
+    ],
+    ids=" ".join,
+)
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, arguments, word):
+    assert word in one_line(cli(*arguments, cwd=tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("where", ["file", "file/below"])
+def test_a_folder_that_cannot_be_is_one_line_and_exit_code_2(tmp_path, where):
+    (tmp_path / "file").write_text("mine")
+    line = one_line(cli(*SHORT, "--no-video", "--out", tmp_path / where))
+    assert "file" in line
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("arguments", [(), ("fly",), ("demo", "--speed", "fast"), ("demo", "--bogus")], ids=" ".join)
+def test_what_cannot_be_parsed_is_exit_code_2(tmp_path, arguments):
+    run = cli(*arguments, cwd=tmp_path)
+    assert run.returncode == 2
+    assert run.stderr
+    assert "Traceback" not in run.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["", "demo", "bench"])
+def test_help(command, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["jssa-gym", *command.split(), "--help"])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    for word in {"": ("demo", "bench"), "demo": ("--out", "--speed", "--video"), "bench": ("--rounds", "--json")}[
+        command
+    ]:
+        assert word in text
+
+
+def test_the_module_runs_as_a_command():
+    run = subprocess.run(
+        [sys.executable, "-m", "jssa_gym", "--help"], capture_output=True, text=True, check=True, env={**os.environ}
+    )
+    assert "demo" in run.stdout
+
+
+@pytest.mark.parametrize(
+    ("missing", "arguments"),
+    [("matplotlib", (*SHORT, "--no-video")), pytest.param("av", SHORT, marks=pytest.mark.gl)],
+)
+def test_a_missing_extra_is_named(tmp_path, missing, arguments):
+    before = f"import sys; sys.modules[{missing!r}] = None"
+    line = one_line(cli(*arguments, "--out", tmp_path, before=before))
+    assert "'jssa-gym[plots]'" in line
+
+
+@pytest.mark.parametrize("missing", ["matplotlib", "av"])
+def test_a_missing_extra_is_a_typed_error(tmp_path, monkeypatch, missing):
+    monkeypatch.setitem(sys.modules, missing, None)
+    draw = {
+        "av": lambda: plots.write_film(tmp_path / "film.mp4", iter([]), 25),
+        "matplotlib": lambda: plots.label("text", 100),
+    }[missing]
+    with pytest.raises(MissingExtraError, match=r"jssa-gym\[plots\]") as caught:
+        draw()
+    assert isinstance(caught.value, ImportError)
+    assert list(tmp_path.iterdir()) == []
+
+
+def pictures(count, then=None):
+    for k in range(count):
+        yield np.full((64, 96, 3), 20 * k, np.uint8)
+    if then:
+        raise then
+
+
+def test_an_interrupted_film_leaves_nothing_under_its_name(tmp_path):
+    pytest.importorskip("av", reason="PyAV is not installed")
+    film = tmp_path / "film.mp4"
+    with pytest.raises(KeyboardInterrupt):
+        plots.write_film(film, pictures(5, KeyboardInterrupt()), 25)
+    assert not film.exists()
+    plots.write_film(film, pictures(5), 25)
+    whole = film.read_bytes()
+    assert len(whole) > 500
+    # an older film survives a later failure
+    with pytest.raises(RuntimeError, match="camera"):
+        plots.write_film(film, pictures(3, RuntimeError("camera")), 25)
+    assert film.read_bytes() == whole
+
+
+def test_json_is_complete_or_not_there(tmp_path):
+    path = tmp_path / "x.json"
+    write_json(path, {"a": [1, 2.5, None]})
+    assert json.loads(path.read_text()) == {"a": [1, 2.5, None]}
+    for bad in ({"a": np.inf}, {"a": object()}):
+        with pytest.raises((ValueError, TypeError)):
+            write_json(path, bad)
+    assert json.loads(path.read_text()) == {"a": [1, 2.5, None]}
+    assert [p.name for p in tmp_path.iterdir()] == ["x.json"]
+
+
+# ---- pieces of the pictures ---------------------------------------------------------------------------
+
+
+def test_a_gauge_is_as_long_as_the_distance():
+    def length(*arguments):
+        bar = plots.gauge(*arguments, 480)
+        assert bar.shape == (14, 480, 3)
+        row = np.delete(bar[7], [24, 25], axis=0)
+        return int((row != 34).any(axis=1).sum()), tuple(bar[7, 0])
+
+    assert length(0.5, 0.05, False, False) == (238, (150, 160, 170))
+    assert length(0.5, 0.05, True, False) == (238, (230, 159, 0))
+    assert length(5.0, 0.05, False, False)[0] == 478
+    assert length(-0.1, 0.05, True, True) == (478, (200, 40, 40))
+    assert length(-0.1, 0.05, False, False)[0] == 0
+    assert tuple(plots.gauge(0.0, 0.05, False, False, 480)[0, 24]) == (255, 255, 255)
+
+
+def test_a_label_shows_its_text():
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    strips = [plots.label(text, 480) for text in ("", "no shield", "JSSAShield")]
+    assert all(strip.shape == (30, 480, 3) and strip.dtype == np.uint8 for strip in strips)
+    assert strips[0].std() < 10.0
+    assert strips[1].max() > 200
+    for one, other in itertools.combinations(strips, 2):
+        assert not np.array_equal(one, other)
+
+
+def test_a_profile_has_five_panels_a_trace_and_shades_interventions(robot):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    import gymnasium as gym
+
+    import jssa_gym
+    from jssa_gym.cli.demo import paper_scene
+    from jssa_gym.evaluation import rollout
+
+    env = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", human=paper_scene(0.8), terminate_on=()))
+    trace = rollout(env, jssa_gym.HoldPolicy(env), seed=0, steps=420, name="shielded")
+    figure = plots.profile([trace, trace], robot.limits, 0.05)
+    assert len(figure.axes) == 10
+    panel = figure.axes[0]
+    np.testing.assert_array_equal(panel.lines[0].get_ydata(), trace.distance)
+    spans = int((np.diff(trace.intervened.astype(int), prepend=0) == 1).sum())
+    assert spans >= 1
+    assert len(panel.patches) == spans
+    jerks = figure.axes[8].lines[:6]
+    np.testing.assert_allclose([line.get_ydata() for line in jerks], np.degrees(trace.jerk.T))

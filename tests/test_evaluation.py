@@ -1,0 +1,204 @@
+"""Rollouts record what happened; summaries say it in numbers that can be checked by hand."""
+
+import dataclasses
+import types
+import typing
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import jssa_gym
+from jssa_gym.cli.demo import paper_scene
+from jssa_gym.evaluation import Summary, rollout, summarise
+from jssa_gym.policies import HoldPolicy
+from jssa_gym.robots import JointLimits
+from jssa_gym.types import Status, Trace
+
+LIMITS = JointLimits(
+    np.array([[-1.0, 1.0], [-2.0, 2.0]]), np.array([2.0, 4.0]), np.array([8.0, 8.0]), np.array([10.0, 20.0])
+)
+
+
+def tiny(**changes) -> Trace:
+    """Six steps of an arm of two joints, made up."""
+    values = {
+        "name": "tiny",
+        "dt": 0.5,
+        "time": np.array([0.5, 1.0, 1.5, 2.0, 2.5, 3.0]),
+        "position": np.array([[0.0, 0.0], [0.5, 0.5], [1.0, 2.0], [1.1, 0.0], [0.0, -2.1], [0.0, 0.0]]),
+        "velocity": np.array([[0.0, 0.0], [1.0, -1.0], [-1.5, 2.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]),
+        "acceleration": np.zeros((6, 2)),
+        "jerk": np.array([[0.0, 0.0], [5.0, -16.0], [-9.0, 2.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]),
+        "nominal": np.zeros((6, 2)),
+        "distance": np.array([0.3, 0.2, -0.01, -0.02, 0.1, 0.2]),
+        "speed": np.zeros(6),
+        "acceleration_of_distance": np.zeros(6),
+        "pair": np.zeros((6, 2), np.int64),
+        "contact": np.array([False, False, True, True, False, False]),
+        "contact_speed": np.array([0.0, 0.0, 5e-4, 2e-3, 0.0, 0.0]),
+        "status": np.array([0, 1, 1, 0, 2, 0]),
+        "intervened": np.array([False, True, True, False, True, False]),
+        "phi": np.zeros(6),
+        "shield_time": np.array([np.nan, 1e-5, 2e-5, 3e-5, 4e-5, 5e-5]),
+        "human_start": np.zeros((6, 1, 3)),
+        "human_end": np.zeros((6, 1, 3)),
+    }
+    return Trace(**(values | changes))
+
+
+def test_a_summary_by_hand():
+    summary = summarise(tiny(), LIMITS)
+    assert summary == Summary(
+        name="tiny",
+        steps=6,
+        min_distance=-0.02,
+        collision=True,
+        moving_contact=True,
+        contact_speed=2e-3,
+        # the interventions led to the states at 1.0 s and 2.5 s; they began a step before
+        first_trigger=0.5,
+        last_trigger=2.0,
+        active_duration=1.5,
+        intervention_rate=0.5,
+        n_activations=2,
+        speed_limit_ratio=0.75,
+        jerk_limit_ratio=0.9,
+        position_violation_rate=pytest.approx(2.0 / 6.0),
+        shield_p50=3e-5,
+        shield_p99=pytest.approx(4.96e-5),
+    )
+
+
+def test_a_contact_at_rest_is_a_collision_that_is_not_moving():
+    summary = summarise(tiny(contact_speed=np.array([0.0, 0.0, 1e-3, 0.0, 0.0, 0.0])), LIMITS)
+    assert summary.collision
+    assert not summary.moving_contact
+
+
+def test_a_summary_without_human_shield_or_intervention():
+    nothing = np.zeros(6, bool)
+    summary = summarise(
+        tiny(
+            distance=np.full(6, np.inf),
+            contact=nothing,
+            contact_speed=np.zeros(6),
+            intervened=nothing,
+            shield_time=np.full(6, np.nan),
+        ),
+        LIMITS,
+    )
+    assert summary.min_distance == np.inf
+    assert not summary.collision
+    assert summary.first_trigger is summary.last_trigger is summary.shield_p50 is summary.shield_p99 is None
+    assert (summary.active_duration, summary.intervention_rate, summary.n_activations) == (0.0, 0.0, 0)
+
+
+def test_an_intervention_in_the_first_step_began_at_zero():
+    active = np.array([True, False, True, False, False, True])
+    summary = summarise(tiny(intervened=active), LIMITS)
+    assert (summary.first_trigger, summary.last_trigger, summary.n_activations) == (0.0, 2.5, 3)
+
+
+def test_fields_of_a_summary_have_plain_types():
+    hints = typing.get_type_hints(Summary)
+    env = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", terminate_on=()))
+    for summary in (
+        summarise(tiny(), LIMITS),
+        summarise(rollout(env, HoldPolicy(env), seed=0, steps=30), env.unwrapped.robot.limits),
+    ):
+        for field in dataclasses.fields(Summary):
+            allowed = hints[field.name]
+            allowed = typing.get_args(allowed) if isinstance(allowed, types.UnionType) else (allowed,)
+            assert type(getattr(summary, field.name)) in allowed, field.name
+
+
+@pytest.fixture
+def env():
+    return jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", human=paper_scene(0.8), terminate_on=()))
+
+
+def test_a_rollout_records_what_the_environment_said(env):
+    trace = rollout(env, HoldPolicy(env), seed=0, steps=400, name="run")
+    assert (trace.name, trace.dt) == ("run", 0.008)
+    twin = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", human=paper_scene(0.8), terminate_on=()))
+    policy = HoldPolicy(twin)
+    observation, _ = twin.reset(seed=0)
+    for k in range(400):
+        observation, _, _, _, info = twin.step(policy(observation))
+        scene, decision, closest = twin.unwrapped.scene, twin.last_decision, twin.unwrapped.closest
+        for ours, theirs in (
+            (trace.time, scene.time),
+            (trace.position, scene.robot.position),
+            (trace.velocity, scene.robot.velocity),
+            (trace.acceleration, scene.robot.acceleration),
+            (trace.jerk, info["jerk"]),
+            (trace.nominal, decision.nominal),
+            (trace.distance, info["distance"]),
+            (trace.speed, closest.rate),
+            (trace.acceleration_of_distance, closest.curvature),
+            (trace.pair, (closest.robot, closest.human)),
+            (trace.contact, info["contact"]),
+            (trace.contact_speed, info["contact_speed"]),
+            (trace.status, info["shield/status"]),
+            (trace.intervened, info["shield/intervened"]),
+            (trace.phi, info["shield/phi"]),
+            (trace.human_start, scene.human.start),
+            (trace.human_end, scene.human.end),
+        ):
+            np.testing.assert_array_equal(ours[k], theirs)
+    assert trace.intervened.any()
+    assert Status.PROJECTED in trace.status
+    assert np.all(trace.shield_time > 0.0)
+    # the distance's rate is that of the distance
+    gaps = np.abs(np.diff(trace.distance) / 0.008 - trace.speed[:-1])
+    assert np.median(gaps) < 1e-3
+    # but where the closest pair changes within the step
+    assert np.mean(gaps > 0.05) < 0.02
+
+
+def test_a_rollout_without_a_shield():
+    bare = gym.make("jssa_gym/Reach-v0", human="none", terminate_on=())
+    trace = rollout(bare, jssa_gym.RandomPolicy(bare, 0), seed=0, steps=20)
+    assert trace.position.shape == (20, 6)
+    assert trace.human_start.shape == (20, 0, 3)
+    assert np.isnan(trace.shield_time).all()
+    assert np.isnan(trace.phi).all()
+    assert not trace.intervened.any()
+    assert np.all(trace.status == Status.NOMINAL)
+    np.testing.assert_array_equal(trace.nominal, trace.jerk)
+    assert summarise(trace, bare.unwrapped.robot.limits).min_distance == np.inf
+
+
+def test_a_rollout_stops_at_the_end_of_the_episode():
+    bare = gym.make("jssa_gym/Home-v0", human="none", max_episode_steps=15)
+    assert len(rollout(bare, HoldPolicy(bare), seed=0, steps=100).time) == 15
+    ended = gym.make("jssa_gym/Home-v0", human="none", terminate_on=("limit_violation",))
+    assert len(rollout(ended, lambda _: np.ones(6), seed=0, steps=100).time) == 22
+
+
+def test_options_reach_the_environment(env):
+    trace = rollout(env, HoldPolicy(env), seed=0, options={"human_start": (1.5, 0.2)}, steps=1)
+    np.testing.assert_allclose(trace.human_start[0, 0, :2], [1.5, 0.2], atol=0.01)
+
+
+def test_a_seed_fixes_a_rollout(env):
+    one, two = (rollout(env, jssa_gym.RandomPolicy(env, 1), seed=5, steps=50) for _ in range(2))
+    for field in dataclasses.fields(Trace):
+        if field.name != "shield_time":
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(two, field.name))
+
+
+@pytest.mark.parametrize("outside", [False, True])
+def test_a_rollout_gives_the_filter_back(env, outside):
+    inner = env.filter
+    wrapped = jssa_gym.ActionRepeat(env, 2) if outside else env
+    rollout(wrapped, HoldPolicy(env), seed=0, steps=3)
+    assert env.filter is inner
+
+    def fails(observation):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        rollout(wrapped, fails, seed=0, steps=3)
+    assert env.filter is inner
