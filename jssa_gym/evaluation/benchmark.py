@@ -1,5 +1,6 @@
 """How fast everything is, measured side by side in one run: medians and 99th percentiles."""
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -206,3 +208,14 @@ def time_first_use() -> tuple[float, float]:
             return float(run.stdout.split()[-1])
 
         return once(), once()
+
+
+_CBFPY = Path(__file__).parents[2] / "benchmarks" / "cbfpy_peer.py"
+
+
+def cbfpy_report() -> str | None:
+    """CBFpy's times on the same arm and pairs, from ``benchmarks/cbfpy_peer.py``; None where either is missing."""
+    if importlib.util.find_spec("cbfpy") is None or not _CBFPY.is_file():
+        return None
+    run = subprocess.run([sys.executable, str(_CBFPY), "--repeats", "5"], capture_output=True, text=True, check=True)
+    return run.stdout
