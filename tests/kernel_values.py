@@ -6,7 +6,7 @@ import numpy as np
 
 from jssa_gym.humans import Body
 from jssa_gym.kernels.capsules import measure_planes, measure_self
-from jssa_gym.kernels.chain import drift_of, forward, jacobian, jacobian_rate, place
+from jssa_gym.kernels.chain import drift_of, jacobian, jacobian_rate
 from jssa_gym.kernels.contact import observe
 from jssa_gym.kernels.index import assess, exact_rows, measure_present, printed_rows
 from jssa_gym.kernels.motion import brake, integrate, scale_action, violates

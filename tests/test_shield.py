@@ -530,17 +530,20 @@ def rows_near(scene, decision, reach=5.0):
     return L, np.array([ahead[pair] for pair in close]) + L @ decision.jerk
 
 
-def test_static_rows_make_the_table_an_agent(robot, make_scene):
+@pytest.mark.parametrize("somebody", [False, True])
+@pytest.mark.parametrize("rows", ["all", "closest"])
+def test_static_rows_make_the_table_an_agent(robot, make_scene, rows, somebody):
     # the tool above the table, falling
     position = np.radians([0.0, 60.0, -20.0, 0.0, -60.0, 0.0])
     state = [position, np.array([0.0, 1.5, 0.0, 0.0, 0.0, 0.0]), np.zeros(6)]
-    scene = make_scene(state, nobody())
-    without, with_rows = JSSAFilter(robot, DT), JSSAFilter(robot, DT, static_rows=True)
+    scene = make_scene(state, Body.facing().at((3.0, 0.0), (0.0, 0.0)) if somebody else nobody())
+    without, with_rows = JSSAFilter(robot, DT, rows=rows), JSSAFilter(robot, DT, rows=rows, static_rows=True)
     assert without.decide(scene, np.zeros(6)).status == Status.NOMINAL
     decision = with_rows.decide(scene, np.zeros(6))
     assert decision.status in (Status.PROJECTED, Status.RELAXED)
-    assert decision.distance == np.inf
-    assert decision.pair == (-1, -1)
+    # the pair and its distance are those of people
+    assert (decision.distance, decision.pair) == (np.inf, (-1, -1)) or somebody
+    assert decision.pair[1] < 6
 
 
 def test_a_static_capsule_makes_rows_too(robot, make_scene):

@@ -12,6 +12,16 @@ STEPS = 2000
 SMALL = {"net_arch": [16, 16]}
 
 
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """Small nets on busy machines: threads that wait for each other cost a hundred times the work."""
+    torch = pytest.importorskip("torch")
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
 class Watch(gym.Wrapper):
     """Checks everything that passes between a learner and the shield."""
 

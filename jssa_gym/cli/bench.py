@@ -35,7 +35,7 @@ class Bench:
         timings: list[Timing] = []
         first: tuple[float, float] | None = None
         with Progress(console=Console(stderr=True), transient=True) as progress:
-            task = progress.add_task("recording an episode", total=6)
+            task = progress.add_task("recording an episode", total=7)
 
             def done(next_task: str) -> None:
                 progress.update(task, advance=1, description=next_task)
@@ -55,9 +55,11 @@ class Bench:
             done("first use")
             if self.compile:
                 first = benchmark.time_first_use()
+            done("cbfpy, if it is installed")
+            peer = benchmark.cbfpy_report()
             done("")
         if self.json:
-            result: dict[str, Any] = {"timings": [dataclasses.asdict(t) for t in timings]}
+            result: dict[str, Any] = {"timings": [dataclasses.asdict(t) for t in timings], "cbfpy": peer}
             if first:
                 result["first_use"] = {"compiling": first[0], "cached": first[1]}
             print(json.dumps(result, indent=2))
@@ -69,6 +71,8 @@ class Bench:
             table.add_row(t.name, f"{t.median * 1e6:.1f}", f"{t.p99 * 1e6:.1f}", f"{1.0 / t.median:,.0f}")
         console = Console()
         console.print(table)
+        if peer:
+            console.print(f"CBFpy on the same arm and pairs:\n{peer}", highlight=False)
         if first:
             console.print(
                 f"first 100 shielded steps in a new process: {first[0]:.1f} s compiling, {first[1]:.2f} s cached"

@@ -140,10 +140,8 @@ def evaluate(segment, agent, s, r, distance, index):
             k = 2.0 * index.lambda2 / d
             g_v = add(g_v, subtract(scale(e, k * beta_robot), scale(f, k * beta_agent)))
             turn = scale(cross(e, w), k * beta_robot)
-        elif not np.isnan(sliding):
-            d_ddot -= index.sliding_limit
         else:
-            d_ddot = np.nan
+            d_ddot -= index.sliding_limit
 
     phi = index.d_min**2 - distance * abs(distance) - index.lambda1 * d_dot - index.lambda2 * d_ddot
     return phi, d_dot, d_ddot, Gradient(g_p, g_v, g_a, turn)
@@ -173,7 +171,7 @@ def assess(links, capsules, state, jerk, agents, planes, tau, index, after, fram
         links, capsules: The robot, shape (n,) of ``LINK`` and (m,) of ``CAPSULE``.
         state: Joint state, shape (3, n) [rad, rad/s, rad/s²].
         jerk: Joint jerk :math:`u`, shape (n,) [rad/s³].
-        agents: Capsules at the present time, shape (k,) of ``AGENT``; moved to the step's end on return.
+        agents: Capsules where they are at the end of the step (:func:`advance`), shape (k,) of ``AGENT``.
         planes: Shape (p,) of ``PLANE``.
         tau: Step [s].
         index: Parameters.
@@ -182,7 +180,8 @@ def assess(links, capsules, state, jerk, agents, planes, tau, index, after, fram
         pairs: Result, shape (m, k + p) of ``PAIR``, agents first.
 
     Returns:
-        The largest index [m²] (NaN if any is NaN), and row and column of its pair.
+        The largest index [m²], and row and column of its pair. The first NaN is returned at once; the pairs after
+        it then hold what they held before.
     """
     integrate(state, jerk, tau, after)
     forward(links, after, frames)

@@ -241,12 +241,12 @@ def _dual_active_set(
                 gap = (x[k] - upper[k] / scales[k]) / np.sqrt(inverse[k, k])
             else:
                 gap = -x[n] / np.sqrt(inverse[n, n])
-            if not (gap <= worst):
+            if np.isnan(gap):
+                return False
+            if gap > worst:
                 worst, chosen = gap, c
         if chosen < 0:
             return True
-        if np.isnan(worst):
-            return False
         _normal(chosen, count, n, relaxed, L, scales, normal)
         normal2 = 0.0
         for i in range(size):
