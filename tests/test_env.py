@@ -105,7 +105,6 @@ def test_a_spec_rebuilds_the_shielded_environment(through_json):
             lambda1=3.0,
             lambda2=1.0,
             d_min=0.04,
-            rows="closest",
             projector="osqp",
             weight=[1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
             static_rows=True,
@@ -119,7 +118,7 @@ def test_a_spec_rebuilds_the_shielded_environment(through_json):
     ours, theirs = env.env.filter, twin.env.filter
     assert theirs.index == ours.index
     assert theirs.index.lambda1 == 3.0
-    assert (theirs.rows, theirs.gradient, theirs.static_rows) == ("closest", "exact", True)
+    assert (theirs.rows, theirs.gradient, theirs.static_rows) == ("all", "exact", True)
     assert type(theirs._projector) is type(ours._projector)
     np.testing.assert_array_equal(theirs._projector.weight, ours._projector.weight)
     assert tuple(twin.unwrapped.terminate_on) == ("contact",)

@@ -293,6 +293,50 @@ def test_faults_that_come_together_still_brake(filter, make_scene):
             decision = filter.decide(bad, nominal)
             check_decision(decision, filter)
             assert decision.status == Status.FAULT
+            # every joint moved when the episode began, so every joint is braked
+            assert np.abs(decision.jerk).min() > 0.0
+
+
+class Unplugged:
+    """What a sensor without a cable may be like."""
+
+    @property
+    def radius(self):
+        raise ConnectionError("unplugged")
+
+    position = radius
+
+
+@pytest.mark.parametrize("part", ["human", "robot"])
+def test_a_sensor_that_raises_is_a_fault(filter, make_scene, part):
+    scene = moving(make_scene, beside())
+    filter.reset(scene)
+    decision = filter.decide(changed(scene, "", **{part: Unplugged()}), 0.1 * JERK)
+    check_decision(decision, filter)
+    assert decision.status == Status.FAULT
+    assert "unplugged" in decision.reason
+    assert np.abs(decision.jerk).min() > 0.0
+
+
+def test_an_arm_that_was_never_seen_is_braked_from_where_it_was_at_reset(filter, make_scene):
+    velocity = np.array([0.5, -0.4, 0.3, 0.2, -0.5, 0.6])
+    scene = make_scene([HOME, velocity, np.zeros(6)], beside())
+    lost = changed(scene, "robot", position=np.full(6, np.nan))
+    # an episode before leaves nothing behind
+    filter.reset(scene)
+    filter.decide(scene, 0.7 * JERK)
+    filter.reset(scene)
+    state = (HOME, velocity, np.zeros(6))
+    for _ in range(250):
+        state = ref.triple_integrator(*state, filter.decide(lost, np.zeros(6)).jerk, DT)
+    assert np.abs(state[1]).max() < 1e-6
+    assert np.abs(state[2]).max() < 1e-6
+    # not even at reset: nothing is known, and nothing is done
+    filter.decide(scene, 0.7 * JERK)
+    filter.reset(changed(scene, "", robot=None))
+    decision = filter.decide(lost, np.zeros(6))
+    assert decision.status == Status.FAULT
+    np.testing.assert_array_equal(decision.jerk, np.zeros(6))
 
 
 def test_an_arm_that_can_no_longer_be_seen_is_brought_to_rest(filter, make_scene):
@@ -531,13 +575,12 @@ def rows_near(scene, decision, reach=5.0):
 
 
 @pytest.mark.parametrize("somebody", [False, True])
-@pytest.mark.parametrize("rows", ["all", "closest"])
-def test_static_rows_make_the_table_an_agent(robot, make_scene, rows, somebody):
+def test_static_rows_make_the_table_an_agent(robot, make_scene, somebody):
     # the tool above the table, falling
     position = np.radians([0.0, 60.0, -20.0, 0.0, -60.0, 0.0])
     state = [position, np.array([0.0, 1.5, 0.0, 0.0, 0.0, 0.0]), np.zeros(6)]
     scene = make_scene(state, Body.facing().at((3.0, 0.0), (0.0, 0.0)) if somebody else nobody())
-    without, with_rows = JSSAFilter(robot, DT, rows=rows), JSSAFilter(robot, DT, rows=rows, static_rows=True)
+    without, with_rows = JSSAFilter(robot, DT), JSSAFilter(robot, DT, static_rows=True)
     assert without.decide(scene, np.zeros(6)).status == Status.NOMINAL
     decision = with_rows.decide(scene, np.zeros(6))
     assert decision.status in (Status.PROJECTED, Status.RELAXED)
@@ -592,6 +635,7 @@ def sized(human):
         ({"min_authority": -1.0}, ("min_authority",)),
         ({"min_authority": np.nan}, ("min_authority",)),
         ({"static_rows": True, "gradient": "printed"}, ("static_rows", "exact")),
+        ({"static_rows": True, "rows": "closest"}, ("static_rows", "all")),
     ],
     ids=str,
 )

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,8 +59,12 @@ class Demo:
         """Run, print, write."""
         if not 0.1 <= self.seconds <= 60.0:
             raise ParameterError(f"seconds has to be between 0.1 and 60, got {self.seconds}")
-        if self.out.exists() and not self.out.is_dir():
-            raise ParameterError(f"{self.out} is not a folder")
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ParameterError(f"cannot write to {self.out}: {error.strerror}") from error
+        if not os.access(self.out, os.W_OK):
+            raise ParameterError(f"cannot write to {self.out}: it is read-only")
         human = paper_scene(self.speed)
         console = Console(stderr=True)
         steps = round(self.seconds / 0.008)
@@ -78,7 +83,6 @@ class Demo:
                 env.close()
                 progress.advance(task)
             assert robot is not None
-            self.out.mkdir(parents=True, exist_ok=True)
             write_json(self.out / "metrics.json", [_plain(summary) for summary in summaries])
             figure = plots.profile(traces, robot.limits, d_min)
             figure.savefig(self.out / "profile.part.png", dpi=110)

@@ -7,6 +7,7 @@ where the capsule will be. Motions that react get the robot's capsules in every 
 People keep their root at least :data:`CLEARANCE` from the robot's base axis (the world's z axis).
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
@@ -196,6 +197,7 @@ class ApproachRetreat(Walk):
         root = np.array([self.start, side]) if start is None else start
         way = np.array([nearest, root[1]]) - root
         length = float(np.hypot(*way))
+        self._stop = nearest
         x, y = (float(c) for c in (way / length * speed if length > 0.0 else np.zeros(2)))
         # (end of the segment [s], velocity); the last one lasts for ever
         fast, slow = 2.0 / 3.0 * length / max(speed, 1e-9), 2.0 / 3.0 * length / max(speed, 1e-9)
@@ -206,10 +208,15 @@ class ApproachRetreat(Walk):
 
     def _next_velocity(self, dt: float) -> Point:
         for end, velocity in self._segments:
-            # a segment ends before the step that would overrun it: nobody comes nearer than planned
             if self._time + dt <= end + 1e-9:
-                return velocity
+                return self._short_of_stop(velocity, dt)
         return _STILL
+
+    def _short_of_stop(self, velocity: Point, dt: float) -> Point:
+        """Cut the step that would lead beyond the place to stop at: segments end between steps."""
+        if dt > 0.0 and self._root[0] + velocity[0] * dt < self._stop:
+            return (self._stop - self._root[0]) / dt, 0.0
+        return velocity
 
 
 class RandomWalk(Walk):
@@ -268,17 +275,20 @@ class RandomWalk(Walk):
             self._pace = self._rng.uniform(0.3, 1.0) * self.speed_bound
             way = self._goal - root
         wanted = way * min(self._pace / np.hypot(*way), 0.5 / self.period)
-        step = wanted - np.array(self._velocity)
-        step *= min(1.0, self.change / max(np.hypot(*step), 1e-12))
-        velocity = np.array(self._velocity) + step
-        velocity *= min(1.0, self.speed_bound / max(np.hypot(*velocity), 1e-12))
-        # slow down in time for the border, one coordinate at a time, by no more than the change allows
+        # every bound a coordinate at a time, so that one never undoes another
+        fastest, drop, before = (
+            self.speed_bound / math.sqrt(2.0),
+            self.change / math.sqrt(2.0),
+            np.array(self._velocity),
+        )
+        velocity = before + np.clip(np.clip(wanted, -fastest, fastest) - before, -drop, drop)
+        # slow down in time for the border
         velocity = np.clip(velocity, -self._speed_towards(root - self._low), self._speed_towards(self._high - root))
         return float(velocity[0]), float(velocity[1])
 
     def _speed_towards(self, gap: Array) -> Array:
         """Largest speed from which segments of falling speed end within ``gap`` (2,) [m]."""
-        drop = self.change / np.sqrt(2.0)
+        drop = self.change / math.sqrt(2.0)
         # after v the speeds v - drop, v - 2 drop, ... follow: period (v²/(2 drop) + v/2 + drop/8) is enough
         room = np.maximum(gap / self.period - drop / 8.0, 0.0)
         return drop * (np.sqrt(0.25 + 2.0 * room / drop) - 0.5)

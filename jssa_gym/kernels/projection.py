@@ -141,14 +141,20 @@ def _settle(row, right, lower, upper, weight, u):
 
 
 @jit
-def _normal(constraint, count, n, relaxed, L, scales, normal):
+def _softness(mode, soft, row):
+    """Whether a row is granted the slack: mode 0 no row, 1 every row, 2 those that ``soft`` says."""
+    return float(mode) if mode < 2 else soft[row]
+
+
+@jit
+def _normal(constraint, count, n, mode, soft, L, scales, normal):
     """Normal of a constraint in scaled variables; rows first, then lower and upper bounds, then the slack's."""
     for k in range(n + 1):
         normal[k] = 0.0
     if constraint < count:
         for k in range(n):
             normal[k] = L[constraint, k] * scales[k]
-        normal[n] = 1.0 if relaxed else 0.0
+        normal[n] = _softness(mode, soft, constraint)
     elif constraint < count + n:
         normal[constraint - count] = 1.0
     elif constraint < count + 2 * n:
@@ -186,16 +192,19 @@ def _solve_gram(gram, size, right, x):
 
 @jit
 def _dual_active_set(
-    nominal, L, S, count, lower, upper, scales, inverse, relaxed, normals, mapped, gram, vectors, active, x
+    nominal, L, S, count, lower, upper, scales, inverse, mode, soft, normals, mapped, gram, vectors, active, x
 ):
-    """Goldfarb and Idnani's method in scaled variables, the slack last; True if a solution was found.
+    """Goldfarb and Idnani's method in scaled variables, the slack last.
+
+    Returns:
+        The number of active constraints, whose numbers are in ``active``; -1 if no solution was found.
 
     The nominal is the unconstrained optimum. Constraint after constraint is added, most violated first; one that
     blocks with a vanishing multiplier is dropped. ``inverse`` (n+1, n+1) is the inverse of the scaled V.
     """
     n = nominal.shape[0]
     size = n + 1
-    total = count + 2 * n + (1 if relaxed else 0)
+    total = count + 2 * n + (1 if mode > 0 else 0)
     right, response, step, multiplier, normal, image = (
         vectors[0],
         vectors[1],
@@ -204,14 +213,15 @@ def _dual_active_set(
         vectors[4],
         vectors[5],
     )
-    used, free = 0, size if relaxed else n
+    used, free = 0, size if mode > 0 else n
     for k in range(n):
         x[k] = nominal[k] / scales[k]
     x[n] = 0.0
 
     for _ in range(20 * (total + 1)):
         # the most violated constraint, in the metric of V
-        worst, chosen = _TOLERANCE, -1
+        # the slack's weight makes multipliers, and with them rounding, large
+        worst, chosen = _TOLERANCE if mode == 0 else 1e3 * _TOLERANCE, -1
         for c in range(total):
             taken = False
             for a in range(used):
@@ -221,12 +231,13 @@ def _dual_active_set(
             if taken:
                 continue
             if c < count:
-                gap = S[c] - (x[n] if relaxed else 0.0)
+                softness = _softness(mode, soft, c)
+                gap = S[c] - softness * x[n]
                 for i in range(n):
                     gap -= L[c, i] * scales[i] * x[i]
                 if gap <= 0.0:
                     continue
-                length2 = inverse[n, n] if relaxed else 0.0
+                length2 = softness * inverse[n, n]
                 for i in range(n):
                     li = L[c, i] * scales[i]
                     length2 += li * inverse[i, i] * li
@@ -242,12 +253,12 @@ def _dual_active_set(
             else:
                 gap = -x[n] / np.sqrt(inverse[n, n])
             if np.isnan(gap):
-                return False
+                return -1
             if gap > worst:
                 worst, chosen = gap, c
         if chosen < 0:
-            return True
-        _normal(chosen, count, n, relaxed, L, scales, normal)
+            return used
+        _normal(chosen, count, n, mode, soft, L, scales, normal)
         normal2 = 0.0
         for i in range(size):
             image[i] = 0.0
@@ -268,7 +279,7 @@ def _dual_active_set(
                     for i in range(size):
                         gram[a, b] += normals[a, i] * mapped[b, i]
             if not _solve_gram(gram, used, right, response):
-                return False
+                return -1
             slope = 0.0
             for i in range(size):
                 step[i] = image[i]
@@ -282,7 +293,7 @@ def _dual_active_set(
             full = gap / slope if slope > _DEPENDENT * normal2 and used < free else np.inf
             length = min(partial, full)
             if length == np.inf:
-                return False
+                return -1
             for a in range(used):
                 multiplier[a] = max(multiplier[a] - length * response[a], 0.0)
             multiplier[used] += length
@@ -306,15 +317,15 @@ def _dual_active_set(
                         normals[a, i] = normals[a + 1, i]
                         mapped[a, i] = mapped[a + 1, i]
                 multiplier[used] = multiplier[used + 1]
-    return False
+    return -1
 
 
 @jit
 def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, active, out):
     r"""Project onto many half-spaces and the box: dual active set; least violation when they exclude each other.
 
-    If rows and box have no common point, the same violation :math:`t \ge 0` is granted to all rows, as small as
-    possible, and the nearest jerk with it is returned.
+    If rows and box have no common point, the largest violation is made as small as possible; among the jerks with
+    it, the largest violation of the rows that do not decide about it; and the nearest jerk of those is returned.
 
     Args:
         nominal: Nominal jerk, shape (n,) [rad/s³].
@@ -328,7 +339,8 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
         out: Result, shape (n,) [rad/s³].
 
     Returns:
-        Whether the rows were feasible, and the largest violation of ``out`` [m²].
+        Whether the rows were feasible, and the largest violation of ``out`` [m²]; NaN if no solution was found: then
+        ``out`` is the smallest jerk of the box.
     """
     n = nominal.shape[0]
     if clip(nominal, lower, upper, out) and violation(L, S, count, out) <= 0.0:
@@ -350,15 +362,57 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
             inverse[i, j] = inverse_weight[i, j] / (scales[i] * scales[j] * mean)
     inverse[n, n] = 1.0 / _SLACK_WEIGHT
 
-    # one call site only: the method is long, and compiled into every place it is called from
-    for attempt in range(2):
-        relaxed = attempt == 1
-        solved = _dual_active_set(
-            nominal, L, S, count, lower, upper, scales, inverse, relaxed, normals, mapped, gram, vectors, active, x
+    mode, used, soft, right, least, kept = 0, -1, S, S, np.inf, out
+    # One call site only: the method is long, and compiled into every place it is called from. Without a solution
+    # (mode 0) all rows get the same slack (1); then the rows that decide about its size keep it, and the others try
+    # to do with less (2), so that one hopeless row does not switch off those that can be kept.
+    for attempt in range(3):
+        found = _dual_active_set(
+            nominal,
+            L,
+            right,
+            count,
+            lower,
+            upper,
+            scales,
+            inverse,
+            mode,
+            soft,
+            normals,
+            mapped,
+            gram,
+            vectors,
+            active,
+            x,
         )
-        if solved:
+        if found < 0 and attempt == 2:
             break
-    for k in range(n):
-        out[k] = min(max(x[k] * scales[k], lower[k]), upper[k])
+        used = found
+        if found < 0:
+            mode = 1
+            continue
+        for k in range(n):
+            out[k] = min(max(x[k] * scales[k], lower[k]), upper[k])
+        if mode == 2 and not (violation(L, S, count, out) <= least * (1.0 + 1e-7) + 1e-9):
+            out[:] = kept
+        if mode != 1:
+            break
+        least, kept = violation(L, S, count, out), out.copy()
+        soft, right, mode = np.ones(count), S.copy(), 2
+        for a in range(found):
+            if active[a] < count:
+                soft[active[a]] = 0.0
+                right[active[a]] -= least * (1.0 + 1e-9) + 1e-12
+    if used < 0:
+        # not solved: say so, and answer with the smallest jerk of the box, never with the nominal
+        for k in range(n):
+            out[k] = min(max(0.0, lower[k]), upper[k])
+        return False, np.nan
     _mend(lower, upper, out)
-    return not relaxed, violation(L, S, count, out)
+    left = violation(L, S, count, out)
+    size_of_rows = 1.0
+    for i in range(count):
+        size_of_rows = max(size_of_rows, abs(S[i]))
+    if mode == 0 and not (left <= 1e-9 * size_of_rows):
+        return False, np.nan
+    return mode == 0, left

@@ -68,8 +68,11 @@ class JSSAFilter(SafetyFilter):
         known_name("projector", projector, PROJECTORS)
         if min_authority != 0.0:
             min_authority = positive_number("min_authority", min_authority)
-        if static_rows and gradient == "printed":
-            raise ParameterError("the printed row is for humans only: static_rows needs gradient='exact'")
+        if static_rows and (gradient == "printed" or rows == "closest"):
+            raise ParameterError(
+                "the printed row and the closest pair are for humans only: static_rows needs gradient='exact' "
+                "and rows='all'"
+            )
         self.index = index or IndexParams()
         self.rows, self.gradient, self.static_rows = rows, gradient, static_rows
         self._projector = PROJECTORS[projector](robot.n, weight)

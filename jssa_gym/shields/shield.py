@@ -23,7 +23,8 @@ _CORRECTION = 1e-6
 def _provider(env: gym.Env, name: str) -> Any:
     """The outermost environment of a wrapper chain that has an attribute: found once, read every step."""
     layer: Any = env
-    while not hasattr(layer, name):
+    # a property counts even if it cannot answer yet: some environments know their scene only after reset
+    while not (any(name in vars(kind) for kind in type(layer).__mro__) or hasattr(layer, name)):
         if not isinstance(layer, gym.Wrapper):
             raise InterfaceError(
                 f"{env} has no attribute '{name}'; a shield needs robot (RobotModel), dt [s] and scene (Scene)"
