@@ -599,9 +599,13 @@ def test_leaving_the_target_starts_the_clock_again():
         assert info["success"] == (k >= 9 + 12)
 
 
-def test_home_never_succeeds():
+def test_home_succeeds_at_home_and_never_ends():
     seen = run(ArmEnv("home", human="none"), np.zeros((100, 6)))
-    assert not any(info["success"] or ended for ended, info in seen)
+    assert not any(ended for ended, _ in seen)
+    # held for 0.1 s: 12.5 steps, so 13
+    assert [info["success"] for _, info in seen] == [False] * 12 + [True] * 88
+    away = run(ArmEnv("home", human="none"), np.full((100, 6), 0.5))
+    assert not away[-1][1]["success"]
 
 
 @pytest.mark.parametrize("count", [30, pytest.param(1000, marks=pytest.mark.slow)])
@@ -920,8 +924,8 @@ class Shadow(HumanMotion):
 
 
 def test_a_reacting_motion_sees_the_arm_as_it_was_at_the_beginning_of_the_step():
-    human = Shadow()
-    env = ArmEnv("home", human=human, terminate_on=())
+    env = ArmEnv("home", human=Shadow(), terminate_on=())
+    human = env.human  # a copy of its own
     env.reset(seed=0)
     assert env._observation.slices["human_distance"].stop - env._observation.slices["human_distance"].start == 1
     tips = [tip_of(HOME)]

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import write_json
-from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.envs.arm import DT, ArmEnv
 from jssa_gym.envs.world import World
 from jssa_gym.evaluation import Summary, rollout, summarise
 from jssa_gym.exceptions import ParameterError
@@ -27,6 +27,7 @@ from jssa_gym.policies import HoldPolicy
 from jssa_gym.safety.proximity import measure
 from jssa_gym.shields import JSSAShield
 from jssa_gym.types import CapsuleSet, JointState, Trace
+from jssa_gym.validation import positive_number
 
 _EVERY = 5
 """A picture every so many control steps: 25 a second."""
@@ -59,15 +60,15 @@ class Demo:
         """Run, print, write."""
         if not 0.1 <= self.seconds <= 60.0:
             raise ParameterError(f"seconds has to be between 0.1 and 60, got {self.seconds}")
+        human = paper_scene(positive_number("speed", self.speed))
         try:
             self.out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ParameterError(f"cannot write to {self.out}: {error.strerror}") from error
         if not os.access(self.out, os.W_OK):
             raise ParameterError(f"cannot write to {self.out}: it is read-only")
-        human = paper_scene(self.speed)
         console = Console(stderr=True)
-        steps = round(self.seconds / 0.008)
+        steps = round(self.seconds / DT)
         traces, summaries = [], []
         robot, d_min = None, 0.05
         with Progress(console=console, transient=True) as progress:
@@ -92,7 +93,7 @@ class Demo:
                 frames = _film(traces, ArmEnv(human="none"), d_min, self.pretty)
                 count = len(range(0, len(traces[0].time), _EVERY))
                 bar = progress.track(frames, total=count, description="filming")
-                plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (0.008 * _EVERY)))
+                plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (DT * _EVERY)))
                 written.append("side_by_side.mp4")
         if self.json:
             print(json.dumps([_plain(summary) for summary in summaries], indent=2))

@@ -21,10 +21,9 @@ from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, records
 from jssa_gym.kernels.tick import fill_observation, tick
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l, make_robot
 from jssa_gym.safety.action import checked_action
-from jssa_gym.safety.index import IndexParams
-from jssa_gym.safety.proximity import agent_records
+from jssa_gym.safety.proximity import TRUTH, agent_records
 from jssa_gym.types import Array, CapsuleSet, JointState, Scene
-from jssa_gym.validation import known_name, real_array
+from jssa_gym.validation import known_name, positive_number, real_array
 
 DT = 0.008
 """Control step: 125 Hz, the paper's."""
@@ -50,7 +49,7 @@ class Closest(NamedTuple):
     rate: float
     """[m/s]."""
     curvature: float
-    """Second derivative [m/s²], the human at constant velocity."""
+    """Second derivative [m/s²], the human at constant velocity, the points' sliding along the axes included."""
     robot: int
     """Robot capsule, -1 without a human."""
     human: int
@@ -107,12 +106,17 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
                 raise ParameterError(f"{name} has to be a positive integer, got {value!r}")
         if render_mode == "human" and not has_display():
             raise DisplayError("no display for a window; use render_mode='rgb_array'")
+        announce_compilation()
         self.planes = planes_of(scene)
         self.task = make_task(task)
-        self.robot = make_robot(robot).mounted([0.0, 0.0, SCENES[scene]])
+        self.robot = make_robot(robot)
+        mount = np.array([0.0, 0.0, SCENES[scene]])
+        if np.any(self.robot.mount != 0.0) and np.any(self.robot.mount != mount):
+            raise ParameterError(f"the robot is mounted at {self.robot.mount}, scene {scene!r} puts it at {mount}")
+        self.robot = self.robot.mounted(mount)
         self.human = make_human(self.task.human if human is None else human)
         self.dt = DT
-        self.d_min = IndexParams(d_min=d_min).d_min
+        self.d_min = positive_number("d_min", d_min)
         self.render_mode = render_mode
         self.dynamics = dynamics
         self.terminate_on = tuple(terminate_on)
@@ -128,7 +132,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self._middle = limits.position.mean(axis=1)
         self._mount = np.array(self.robot.mount)
         self._zero = np.zeros(n)
-        self._parameters = IndexParams(d_min=d_min).array()
+        self._parameters = TRUTH.array()
         self._frames, self._segments = records(n, FRAME), records(len(self.robot.capsules), SEGMENT)
         self._agents, self._pairs = records(0, AGENT), records((len(self.robot.capsules), 0), PAIR)
         self._age, self._valid = np.zeros(0), np.ones(0, np.bool_)
@@ -141,16 +145,16 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
         self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
         endings = self.terminate_on
-        self._ends_success, self._ends_contact = "success" in endings, "contact" in endings
+        self._ends_success = "success" in endings and self.task.ends
+        self._ends_contact = "contact" in endings
         self._ends_moving, self._ends_violation = "moving_contact" in endings, "limit_violation" in endings
         self._hold_steps = self.task.hold_time / self.dt - 1e-9
         self._begin(np.array(self.robot.home), np.zeros(0), nobody())
-        announce_compilation()
 
     @staticmethod
     def _rehearsal(human: HumanMotion) -> CapsuleSet:
         """The people as they would begin some episode: tells how many capsules there are."""
-        return human.reset(np.random.default_rng(0))
+        return make_human(human).reset(np.random.default_rng(0))
 
     @property
     def world(self) -> World:
@@ -164,15 +168,16 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
     def scene(self) -> Scene:
         """The present, as a perception system could know it; what shields read."""
         if self._scene is None:
-            state = self._state
+            # copies: what somebody does to a scene must not move the arm
+            state = self._state.copy()
             self._scene = Scene(
                 self._time,
                 JointState(state[0], state[1], state[2]),
                 self._people,
                 self._static,
                 self.planes,
-                self._age,
-                self._valid,
+                self._age.copy(),
+                self._valid.copy(),
             )
         return self._scene
 
@@ -227,7 +232,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             self.human.check_start(start)
         if goal is not None:
             goal = self.task.check_goal(goal, self.robot)
-        # from here on nothing is refused any more
+        # the user's part is checked; only now does anything change
         super().reset(seed=seed)
         if goal is None:
             goal = self.task.draw_goal(self.np_random, self.robot, self.planes)
@@ -326,11 +331,11 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         distance = float(near[0])
         moving = float(near[3]) > MOVING
         moment = Moment(self._actual[0], self._tip[0], self._tip_speed, fraction, distance, moving)
-        held = self.task.hold_time < np.inf and self.task.reached(self._goal, moment)
-        self._held = self._held + 1 if held else 0
-        success = held and self._held >= self._hold_steps
+        value = self.task.value(self._goal, moment)
+        self._held = self._held + 1 if self.task.reached(value, moment) else 0
+        success = self._held >= self._hold_steps
         info = self._info(jerk, success, violation)
-        reward = self._reward(moment, success, info)
+        reward = self._reward(moment, value, success, info)
         terminated = (
             (success and self._ends_success)
             or (moving and self._ends_moving)
@@ -341,8 +346,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             self.render()
         return self._observed(), reward, terminated, False, info
 
-    def _reward(self, moment: Moment, success: bool, info: dict[str, Any]) -> float:
-        values = [self.task.value(self._goal, moment)]
+    def _reward(self, moment: Moment, value: float, success: bool, info: dict[str, Any]) -> float:
+        values = [value]
         if len(self.task.terms) > 1:
             values.append(float(success))
         action = moment.action
@@ -350,8 +355,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         values.append(info["cost"])
         values.append(float(moment.moving_contact))
         total = 0.0
-        for (key, weight), value in zip(self._terms, values):  # noqa: B905  # hot path, same length by construction
-            info[key] = term = weight * value
+        for (key, weight), x in zip(self._terms, values):  # noqa: B905  # hot path, same length by construction
+            info[key] = term = weight * x
             total += term
         return total
 

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 
 from jssa_gym.envs.observation import FAR, Feature
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans import nobody
 from jssa_gym.kernels.chain import forward, tool_motion
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.proximity import measure
-from jssa_gym.types import Array, CapsuleSet, JointState, Planes
+from jssa_gym.types import Array, JointState, Planes
 from jssa_gym.validation import known_name, real_array
 
 
@@ -60,7 +61,9 @@ class Task(ABC):
     terms: ClassVar[tuple[RewardTerm, ...]]
     """The task's own terms; :data:`COMMON_TERMS` follow."""
     hold_time: ClassVar[float] = 0.1
-    """For how long :meth:`reached` has to hold for success [s]; inf: the task never ends in success."""
+    """For how long :meth:`reached` has to hold for success [s]."""
+    ends: ClassVar[bool] = True
+    """Whether success may end an episode."""
 
     @abstractmethod
     def features(self, robot: RobotModel) -> tuple[Feature, ...]:
@@ -83,8 +86,8 @@ class Task(ABC):
         """Value of the task's own term."""
 
     @abstractmethod
-    def reached(self, goal: Array, moment: Moment) -> bool:
-        """Whether the goal is met at this moment."""
+    def reached(self, value: float, moment: Moment) -> bool:
+        """Whether the goal is met at this moment; ``value`` is what :meth:`value` says of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +96,16 @@ class Home(Task):
 
     name: ClassVar[str] = "home"
     human: ClassVar[str] = "approach_retreat"
-    text: ClassVar[str] = "Hold the home position (the paper's task); success is never terminal."
+    text: ClassVar[str] = (
+        "Hold the home position (the paper's task). Success, within 0.05 rad (root mean square) for 0.1 s, "
+        "never ends it."
+    )
     terms: ClassVar[tuple[RewardTerm, ...]] = (
         RewardTerm("posture", -1.0, "root mean square distance of the joints from home [rad]"),
     )
-    hold_time: ClassVar[float] = np.inf
+    ends: ClassVar[bool] = False
     tolerance: float = 0.05
-    """Joint distance from home that counts as there [rad]."""
+    """Root mean square distance from home that counts as there [rad]."""
 
     def features(self, robot: RobotModel) -> tuple[Feature, ...]:
         span = robot.limits.position[:, 1] - robot.limits.position[:, 0]
@@ -118,8 +124,8 @@ class Home(Task):
         gap = goal - moment.position
         return math.sqrt(gap.dot(gap) / len(gap))
 
-    def reached(self, goal: Array, moment: Moment) -> bool:
-        return bool(np.abs(goal - moment.position).max() <= self.tolerance)
+    def reached(self, value: float, moment: Moment) -> bool:
+        return value <= self.tolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +157,7 @@ class Reach(Task):
             posture = np.clip(robot.home + rng.uniform(-around, around), 0.95 * low, 0.95 * high)
             tip = _tip(robot, posture)
             rest = JointState(posture, np.zeros(robot.n), np.zeros(robot.n))
-            near = measure(robot, rest, _NO_AGENTS, planes)
+            near = measure(robot, rest, nobody(), planes)
             clear = near.planes.min(initial=np.inf) > 0.05 and near.own.min(initial=np.inf) > 0.02
             if clear and np.hypot(tip[0] - robot.mount[0], tip[1] - robot.mount[1]) > 0.3:
                 return tip
@@ -166,8 +172,8 @@ class Reach(Task):
     def value(self, goal: Array, moment: Moment) -> float:
         return math.dist(goal, moment.tip)
 
-    def reached(self, goal: Array, moment: Moment) -> bool:
-        return moment.tip_speed < self.speed and self.value(goal, moment) <= self.tolerance
+    def reached(self, value: float, moment: Moment) -> bool:
+        return moment.tip_speed < self.speed and value <= self.tolerance
 
 
 def _tip(robot: RobotModel, posture: Array) -> Array:
@@ -176,9 +182,6 @@ def _tip(robot: RobotModel, posture: Array) -> Array:
     tool_motion(frames, robot.tool_link, robot.tool_offset, out)
     return out[0]
 
-
-_EMPTY = np.zeros((0, 3))
-_NO_AGENTS = CapsuleSet(_EMPTY, _EMPTY, _EMPTY, _EMPTY, np.zeros(0), (), np.zeros(0, np.int64))
 
 TASKS: dict[str, type[Task]] = {"home": Home, "reach": Reach}
 """Tasks by name."""

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jssa_gym.envs.arm import MOVING
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Trace
-
-MOVING = 1e-3
-"""Speed of the robot's touching point from which a contact counts as moving [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ class _Stopwatch(SafetyFilter):
     def reset(self, scene: Scene) -> None:
         self.timed.reset(scene)
 
-    def decide(self, scene: Scene, nominal: Array) -> Decision:
+    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
         start = time.perf_counter()
         decision = self.timed.decide(scene, nominal)
         self.elapsed = time.perf_counter() - start

@@ -1,5 +1,6 @@
 """People beside the arm: bodies of capsules, and how they move."""
 
+import copy
 from collections.abc import Callable, Sequence
 
 from jssa_gym.humans.body import Body, nobody, together
@@ -43,11 +44,13 @@ __all__ = [
 def make_human(human: str | HumanMotion | Sequence[str | HumanMotion]) -> HumanMotion:
     """A motion from its name in :data:`HUMANS`; a sequence of names or motions makes a crowd.
 
+    A motion that is passed in is copied: it has a state, which no two environments must share.
+
     Raises:
         ParameterError: Unknown name.
     """
     if isinstance(human, HumanMotion):
-        return human
+        return copy.deepcopy(human)
     if isinstance(human, str) or not isinstance(human, Sequence):
         return HUMANS[known_name("human", human, HUMANS)]()
     return Crowd([make_human(one) for one in human])

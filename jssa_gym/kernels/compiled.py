@@ -1,5 +1,6 @@
 """Tells the user about the one slow start: compiling the kernels."""
 
+import functools
 import logging
 
 from numba import config
@@ -9,6 +10,7 @@ from jssa_gym.kernels.jit import CACHE_DIRECTORY
 _logger = logging.getLogger("jssa_gym")
 
 
+@functools.cache
 def announce_compilation() -> None:
     """Log, before a first use, that kernels are going to be compiled; silent once they are cached."""
     if config.DISABLE_JIT:

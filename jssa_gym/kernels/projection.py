@@ -221,7 +221,7 @@ def _dual_active_set(
     for _ in range(20 * (total + 1)):
         # the most violated constraint, in the metric of V
         # the slack's weight makes multipliers, and with them rounding, large
-        worst, chosen = _TOLERANCE if mode == 0 else 1e3 * _TOLERANCE, -1
+        worst, chosen = _TOLERANCE if mode == 0 else 1e4 * _TOLERANCE, -1
         for c in range(total):
             taken = False
             for a in range(used):
@@ -360,7 +360,11 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
     for i in range(n):
         for j in range(n):
             inverse[i, j] = inverse_weight[i, j] / (scales[i] * scales[j] * mean)
-    inverse[n, n] = 1.0 / _SLACK_WEIGHT
+    # the larger the violation to be granted, the less its weight: their product is what rounding is relative to
+    size_of_rows = 1.0
+    for i in range(count):
+        size_of_rows = max(size_of_rows, 10.0 * abs(S[i]))
+    inverse[n, n] = size_of_rows / _SLACK_WEIGHT
 
     mode, used, soft, right, least, kept = 0, -1, S, S, np.inf, out
     # One call site only: the method is long, and compiled into every place it is called from. Without a solution
@@ -393,6 +397,10 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
             continue
         for k in range(n):
             out[k] = min(max(x[k] * scales[k], lower[k]), upper[k])
+        if mode == 0 and not (violation(L, S, count, out) <= 1e-10 * size_of_rows):
+            # nearly dependent normals can make an infeasible problem look solved
+            used, mode = -1, 1
+            continue
         if mode == 2 and not (violation(L, S, count, out) <= least * (1.0 + 1e-7) + 1e-9):
             out[:] = kept
         if mode != 1:
@@ -410,9 +418,4 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
         return False, np.nan
     _mend(lower, upper, out)
     left = violation(L, S, count, out)
-    size_of_rows = 1.0
-    for i in range(count):
-        size_of_rows = max(size_of_rows, abs(S[i]))
-    if mode == 0 and not (left <= 1e-9 * size_of_rows):
-        return False, np.nan
     return mode == 0, left

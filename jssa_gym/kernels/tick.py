@@ -153,3 +153,17 @@ def rows_ahead(
         frames, segments, agents, planes, pairs, jerk, lower, upper, dt, index, only, authority, L, S, owner
     )
     return count, violation(L, S, count, jerk)
+
+
+@jit
+def unfit(jerk, nominal, lower, upper, forwarded):
+    """What is wrong with a filter's answer: 0 nothing, 1 not finite, 2 outside the box, 3 not the nominal it claims."""
+    for k in range(jerk.shape[0]):
+        u = jerk[k]
+        if not np.isfinite(u):
+            return 1
+        if not lower[k] <= u <= upper[k]:
+            return 2
+        if forwarded and u != nominal[k]:
+            return 3
+    return 0

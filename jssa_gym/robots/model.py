@@ -137,7 +137,7 @@ class RobotModel:
         choose_gl_backend()
         import mujoco
 
-        path = Path(path)
+        path = Path(path).resolve()
         if not path.is_file():
             raise RobotModelError(f"no MJCF file at {path}")
         try:

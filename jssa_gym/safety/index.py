@@ -37,6 +37,8 @@ class IndexParams:
     def __post_init__(self) -> None:
         for name in ("d_min", "lambda1", "lambda2", "sliding_limit", "sin2_floor"):
             object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        if not isinstance(self.sliding, bool):
+            raise ParameterError(f"sliding has to be True or False, got {self.sliding!r}")
         if self.lambda1**2 < 8.0 * self.lambda2 * self.d_min:
             raise ParameterError(
                 f"lambda1² has to be at least 8 lambda2 d_min: {self.lambda1**2:.4g} is below "

@@ -1,7 +1,7 @@
 """Who satisfies the rows: exact kernels, or OSQP under supervision."""
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,8 +86,12 @@ class OSQPProjector(Projector):
     def __init__(self, n: int, weight: ArrayLike | None = None) -> None:
         super().__init__(n, weight)
         self._exact = ExactProjector(n, weight)
-        self._solver = None
+        self._solver: Any = None
         self._capacity = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies start with a solver of their own: OSQP's cannot be copied."""
+        return {**self.__dict__, "_solver": None, "_capacity": 0}
 
     def _setup(self, capacity: int) -> None:
         import osqp
@@ -135,7 +139,6 @@ class OSQPProjector(Projector):
     def _solve(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array, count: int) -> Array | None:
         if self._solver is None or count > self._capacity:
             self._setup(max(count, 2 * self._capacity, 8))
-        assert self._solver is not None
         # jerks in units of the largest bound, rows of unit length: the solver sees numbers of order one
         unit = float(np.max(np.abs([lower, upper]))) or 1.0
         length = np.linalg.norm(rows.L, axis=1)

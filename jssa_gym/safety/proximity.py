@@ -13,6 +13,9 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes
 
+TRUTH = IndexParams(sliding=True, sliding_limit=1e3, sin2_floor=1e-4)
+"""For measuring: the distance's second derivative as it is."""
+
 
 def agent_records(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
     """Capsules as the kernels read them, shape (m,) of ``AGENT``; into ``out`` if it is given and fits.
@@ -98,7 +101,7 @@ def measure(robot: RobotModel, state: JointState, agents: CapsuleSet, planes: Pl
         robot.capsules,
         state_rows(state),
         others,
-        IndexParams().kernel(),
+        TRUTH.kernel(),
         frames,
         segments,
         pairs,

@@ -1,14 +1,16 @@
 """The interface of a safety filter, and the part that all of them share: failing closed."""
 
+import logging
 from abc import ABC, abstractmethod
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.motion import brake, integrate
 from jssa_gym.kernels.records import AGENT, records
-from jssa_gym.kernels.tick import take_in
+from jssa_gym.kernels.tick import take_in, unfit
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.proximity import agent_records
@@ -28,6 +30,15 @@ OUTSIDE = "outside the jerk bounds"
 """Reason of a decision that only clipped the nominal."""
 
 
+_UNFIT = (
+    "",
+    "the filter's answer is not finite",
+    "the filter's answer is outside the jerk bounds",
+    "the filter's answer is not the nominal, as it claims",
+)
+_logger = logging.getLogger("jssa_gym")
+
+
 class SafetyFilter(ABC):
     """Decides which jerk is applied instead of the nominal one.
 
@@ -43,6 +54,7 @@ class SafetyFilter(ABC):
     """
 
     def __init__(self, robot: RobotModel, dt: float) -> None:
+        announce_compilation()
         self.robot = robot
         self.dt = positive_number("dt", dt)
         self.lower = np.array(-robot.limits.jerk)
@@ -63,11 +75,12 @@ class SafetyFilter(ABC):
         except Exception:  # decide() will say what is wrong
             self._state[:] = 0.0
 
-    def decide(self, scene: Scene, nominal: Array) -> Decision:
+    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
         """The jerk to apply in this step.
 
-        Never raises for bad numbers: a non-finite nominal or measurement, or a missing one, ends in
-        :meth:`fallback` and :attr:`Status.FAULT`, with the reason in the decision.
+        Never raises for bad numbers: a non-finite nominal or measurement, a missing one, a scene that does not fit
+        or is None, and a filter that fails or answers outside the box end in :meth:`fallback` and
+        :attr:`Status.FAULT`, with the reason in the decision.
 
         Args:
             scene: The present.
@@ -78,6 +91,8 @@ class SafetyFilter(ABC):
         """
         nominal = checked_action(nominal, self.robot.n)
         try:
+            if scene is None:
+                raise ValueError("there is no scene")
             self._read_state(scene.robot)
         except Exception as error:  # whatever a robot reports, the arm must go on safely
             return self._fault(nominal, f"the joint state cannot be read: {error}", readable=False)
@@ -94,10 +109,18 @@ class SafetyFilter(ABC):
         if fault:
             return self._fault(nominal, _FAULTS[fault], readable=fault != 2)
         self._state, self._incoming = self._incoming, self._state
-        decision = self._filter(scene, self._state, agents, nominal, inside)
-        if not decision.jerk.dot(decision.jerk) < np.inf:
-            return self._brake(nominal, "the filter's answer is not finite")
-        self._applied[:] = decision.jerk
+        try:
+            decision = self._filter(scene, self._state, agents, nominal, inside)
+            jerk = decision.jerk
+            if jerk.shape != nominal.shape or jerk.dtype != np.float64:
+                raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
+            wrong = unfit(jerk, nominal, self.lower, self.upper, decision.status == Status.NOMINAL)
+        except Exception as error:  # whatever a filter runs into, the arm must go on safely
+            _logger.exception("the filter failed; the arm brakes")
+            return self._brake(nominal, f"the filter failed: {type(error).__name__}: {error}")
+        if wrong:
+            return self._brake(nominal, _UNFIT[wrong])
+        self._applied[:] = jerk
         return decision
 
     def _read_state(self, robot: JointState) -> None:

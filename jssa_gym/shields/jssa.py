@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.index import measure_present, printed_rows
 from jssa_gym.kernels.projection import violation
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
@@ -15,7 +16,7 @@ from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import PROJECTORS
 from jssa_gym.safety.proximity import agent_records, plane_records
 from jssa_gym.shields.filter import OUTSIDE, SafetyFilter
-from jssa_gym.types import Array, CapsuleSet, Decision, HalfSpaces, Planes, Scene, Status
+from jssa_gym.types import Array, Decision, HalfSpaces, Scene, Status
 from jssa_gym.validation import known_name, positive_number
 
 _TOLERANCE = 1e-6
@@ -68,6 +69,8 @@ class JSSAFilter(SafetyFilter):
         known_name("projector", projector, PROJECTORS)
         if min_authority != 0.0:
             min_authority = positive_number("min_authority", min_authority)
+        if not isinstance(static_rows, bool):
+            raise ParameterError(f"static_rows has to be True or False, got {static_rows!r}")
         if static_rows and (gradient == "printed" or rows == "closest"):
             raise ParameterError(
                 "the printed row and the closest pair are for humans only: static_rows needs gradient='exact' "
@@ -81,7 +84,6 @@ class JSSAFilter(SafetyFilter):
         self._after = np.zeros((3, robot.n))
         self._frames = records(robot.n, FRAME)
         self._segments = records(len(robot.capsules), SEGMENT)
-        self._static: tuple[CapsuleSet, Planes] | None = None
         self._static_agents, self._planes = records(0, AGENT), records(0, PLANE)
         self._all_agents = records(0, AGENT)
         self._resize(0)
@@ -104,14 +106,18 @@ class JSSAFilter(SafetyFilter):
         return self._exact(state, agents, humans, nominal, inside)
 
     def _with_static(self, scene: Scene, agents: NDArray) -> NDArray:
-        """Humans, then static capsules; the half-spaces go to ``self._planes``."""
-        if self._static is None or self._static != (scene.static, scene.planes):
-            self._static = (scene.static, scene.planes)
-            self._static_agents, self._planes = agent_records(scene.static), plane_records(scene.planes)
-        if len(self._all_agents) != len(agents) + len(self._static_agents):
-            self._all_agents = records(len(agents) + len(self._static_agents), AGENT)
+        """Humans, then static capsules; the half-spaces go to ``self._planes``. Raises if they are no such thing."""
+        static, self._planes = agent_records(scene.static, self._static_agents), plane_records(scene.planes)
+        self._static_agents = static
+        if unsound(self._state, self._clipped, static):
+            raise ValueError("a static capsule is not finite")
+        normals, offsets = self._planes["normal"], self._planes["offset"]
+        if not (np.all(np.abs(np.linalg.norm(normals, axis=-1) - 1.0) < 1e-6) and np.all(np.isfinite(offsets))):
+            raise ValueError("a half-space needs a unit normal and a finite offset")
+        if len(self._all_agents) != len(agents) + len(static):
+            self._all_agents = records(len(agents) + len(static), AGENT)
         self._all_agents[: len(agents)] = agents
-        self._all_agents[len(agents) :] = self._static_agents
+        self._all_agents[len(agents) :] = static
         return self._all_agents
 
     def _ahead(
@@ -159,7 +165,9 @@ class JSSAFilter(SafetyFilter):
         """Exact rows; ``agents`` are moved to the end of the step."""
         jerk, feasible, left, rows, note = self._clipped, True, 0.0, 0, ""
         worst, _, row, column, distance = self._ahead(state, agents, jerk, humans, True, 0)
-        if not (worst <= 0.0):
+        if np.isnan(worst):
+            return self._brake(nominal, "the safety index is not a number")
+        if worst > 0.0:
             only = -1
             if self.rows == "closest":
                 only = row * self._pairs.shape[1] + column
@@ -173,10 +181,12 @@ class JSSAFilter(SafetyFilter):
                     nominal, HalfSpaces(self._L[:count], self._S[:count]), self.lower, self.upper
                 )
                 jerk, feasible, note = projection.jerk, projection.feasible, projection.note
+                if np.isnan(projection.violation):
+                    return self._brake(nominal, "the projection found no solution")
                 worst, left, row, column, distance = self._ahead(state, agents, jerk, humans, False, rows)
                 if left <= _TOLERANCE or not feasible:
                     break
-            if np.isnan(left) or not np.isfinite(jerk).all():
+            if np.isnan(left) or np.isnan(worst):
                 return self._brake(nominal, "the safety index is not a number")
         return self._decision(
             nominal, jerk, inside, feasible and left <= _TOLERANCE, left, rows, note, worst, distance, (row, column)

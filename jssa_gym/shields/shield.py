@@ -1,5 +1,6 @@
 """Wrappers that put a filter between a policy and an environment."""
 
+import logging
 from collections.abc import Sequence
 from typing import Any, Literal, Self
 
@@ -14,7 +15,9 @@ from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
-from jssa_gym.types import Decision, Status
+from jssa_gym.types import Decision, Scene, Status
+
+_logger = logging.getLogger("jssa_gym")
 
 _CORRECTION = 1e-6
 """Correction, in jerk bounds, from which a step counts as an intervention."""
@@ -54,9 +57,9 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env, filter: SafetyFilter) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, _disable_deepcopy=True, filter=filter)
+        gym.utils.RecordConstructorArgs.__init__(self, filter=filter)
         gym.Wrapper.__init__(self, env)
-        self._source = _provider(env, "scene")
+        self._source: Any = None
         robot = _provider(env, "robot").robot
         dt = float(_provider(env, "dt").dt)
         if not isinstance(robot, RobotModel):
@@ -81,9 +84,20 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, then the filter with the scene that it starts in."""
         observation, info = self.env.reset(seed=seed, options=options)
+        self._source = _provider(self.env, "scene")
         self.filter.reset(self._source.scene)
         self.last_decision = None
         return observation, info
+
+    def _scene(self) -> Scene | None:
+        """The present, or None if it cannot be had: the filter answers that."""
+        try:
+            if self._source is None:
+                self._source = _provider(self.env, "scene")
+            return self._source.scene
+        except Exception:  # whatever a perception system throws, the arm must go on safely
+            _logger.exception("no scene; the arm brakes")
+            return None
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Filter the action and step the environment.
@@ -94,7 +108,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         fraction = checked_action(action, self._n)
         nominal = np.empty(self._n)
         scale_nominal(fraction, self._jerk_bound, nominal)
-        decision = self.filter.decide(self._source.scene, nominal)
+        decision = self.filter.decide(self._scene(), nominal)
         self.last_decision = decision
         correction = 0.0
         if decision.status != Status.NOMINAL:
@@ -165,7 +179,7 @@ class JSSAShield(Shield):
             rows=rows,
             gradient=gradient,
             projector=projector,
-            weight=weight,
+            weight=None if weight is None else np.asarray(weight, object).tolist(),  # JSON can hold it
             static_rows=static_rows,
             sliding=sliding,
         )
