@@ -165,8 +165,8 @@ class JSSAFilter(SafetyFilter):
         """Exact rows; ``agents`` are moved to the end of the step."""
         jerk, feasible, left, rows, note = self._clipped, True, 0.0, 0, ""
         worst, _, row, column, distance = self._ahead(state, agents, jerk, humans, True, 0)
-        if np.isnan(worst):
-            return self._brake(nominal, "the safety index is not a number")
+        if not worst < np.inf:
+            return self._brake(nominal, "the safety index is not finite")
         if worst > 0.0:
             only = -1
             if self.rows == "closest":
@@ -186,8 +186,8 @@ class JSSAFilter(SafetyFilter):
                 worst, left, row, column, distance = self._ahead(state, agents, jerk, humans, False, rows)
                 if left <= _TOLERANCE or not feasible:
                     break
-            if np.isnan(left) or np.isnan(worst):
-                return self._brake(nominal, "the safety index is not a number")
+            if not (left < np.inf and worst < np.inf):
+                return self._brake(nominal, "the safety index is not finite")
         return self._decision(
             nominal, jerk, inside, feasible and left <= _TOLERANCE, left, rows, note, worst, distance, (row, column)
         )
@@ -223,8 +223,8 @@ class JSSAFilter(SafetyFilter):
                 )
                 jerk, feasible, left, note = projection
             phi = max((self._S[i] - self._L[i] @ jerk for i in range(count)), default=-np.inf)
-            if np.isnan(left) or np.isnan(phi):
-                return self._brake(nominal, "the printed row is not a number")
+            if not (left < np.inf and phi < np.inf):
+                return self._brake(nominal, "the printed row is not finite")
         return self._decision(nominal, jerk, inside, feasible, left, rows, note, phi, distance, (row, column))
 
     def _decision(
