@@ -805,6 +805,20 @@ def test_what_was_returned_stays_as_it_was(shielded, dynamics):
             np.testing.assert_array_equal(ours, theirs)
 
 
+def test_writing_into_a_scene_moves_nothing():
+    env, twin = ArmEnv("home", terminate_on=()), ArmEnv("home", terminate_on=())
+    for one in (env, twin):
+        one.reset(seed=0)
+    for action in random_actions(env, 10):
+        scene = env.scene
+        for array in (scene.robot.position, scene.robot.velocity, scene.robot.acceleration, scene.age):
+            array[:] = 7.0
+        scene.valid[:] = False
+        np.testing.assert_array_equal(env.step(action)[0], twin.step(action)[0])
+        np.testing.assert_array_equal(env.scene.robot.position, twin.scene.robot.position)
+        assert env.scene.valid.all()
+
+
 def test_writing_into_the_goal_changes_nothing():
     env = ArmEnv("reach")
     env.reset(seed=0)

@@ -16,7 +16,7 @@ from jssa_gym.humans import Body, nobody
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.robots import JointLimits
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.safety.projectors import PROJECTORS, ExactProjector, OSQPProjector
+from jssa_gym.safety.projectors import PROJECTORS, ExactProjector, OSQPProjector, Projection
 from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, NoFilter, SafetyFilter, Shield, make_filter
 from jssa_gym.types import CapsuleSet, Decision, HalfSpaces, JointState, Scene, Status
 
@@ -450,16 +450,94 @@ def test_an_unknown_filter_is_told_the_valid_ones(robot):
         make_filter("magic", robot, DT)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_an_answer_that_is_not_finite_never_leaves_a_filter(robot, make_scene, bad):
+def answer(jerk, status=Status.PROJECTED):
+    return lambda nominal: Decision(jerk, nominal, status, "made up", 0.0, 0.0, (0, 0), 0.0, 0)
+
+
+BROKEN = {
+    "nan": answer(np.array([0.0, 0.0, np.nan, 0.0, 0.0, 0.0])),
+    "inf": answer(np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.inf])),
+    "outside the box": answer(1.01 * JERK),
+    "shape (5,)": answer(np.zeros(5)),
+    "shape (1, 6)": answer(np.zeros((1, 6))),
+    "float32": answer(np.zeros(6, np.float32)),
+    "object": answer(np.zeros(6, object)),
+    "list": answer([0.0] * 6),
+    "nominal that is another": answer(0.5 * JERK, Status.NOMINAL),
+    "no decision": lambda nominal: None,
+    "error": lambda nominal: 1 // 0,
+    "odd error": lambda nominal: {}["x"],
+}
+
+
+@pytest.mark.parametrize("how", list(BROKEN))
+def test_a_filter_that_fails_is_a_fault_that_brakes(robot, make_scene, how):
     class Broken(SafetyFilter):
         def _filter(self, scene, state, agents, nominal, inside):
-            return Decision(np.array([0.0, 0.0, bad, 0.0, 0.0, 0.0]), nominal, Status.NOMINAL, "", 0, 0, (0, 0), 0, 0)
+            return BROKEN[how](nominal)
 
     scene = moving(make_scene)
     decision = Broken(robot, DT).decide(scene, np.zeros(6))
     assert decision.status == Status.FAULT
+    assert decision.reason
     assert_brakes(decision, scene)
+
+
+PROJECTIONS = {
+    "no solution": lambda *_: Projection(np.zeros(6), False, np.nan, ""),
+    "nan": lambda *_: Projection(np.full(6, np.nan), True, 0.0, ""),
+    "far away": lambda *_: Projection(np.full(6, 1e200), True, 0.0, ""),
+    "outside the box": lambda nominal, *_: Projection(50.0 * JERK, True, 0.0, ""),
+    "error": lambda *_: 1 // 0,
+}
+
+
+@pytest.mark.parametrize("gradient", ["exact", "printed"])
+@pytest.mark.parametrize("how", list(PROJECTIONS))
+def test_a_projector_that_fails_is_a_fault_that_brakes(robot, random_scene, how, gradient):
+    good, bad = (JSSAFilter(robot, DT, gradient=gradient) for _ in range(2))
+    bad._projector.project = PROJECTIONS[how]
+    for scene, nominal, _ in statuses(good, random_scene, {Status.PROJECTED: 3}, motion=0.25):
+        decision = bad.decide(scene, nominal)
+        check_decision(decision, bad)
+        if not good.decide(scene, nominal).rows:
+            continue
+        assert decision.status == Status.FAULT
+        assert_brakes(decision, scene)
+
+
+def test_no_scene_at_all_is_a_fault(filter, make_scene):
+    filter.reset(moving(make_scene))
+    decision = filter.decide(None, np.zeros(6))
+    check_decision(decision, filter)
+    assert decision.status == Status.FAULT
+    assert np.abs(decision.jerk).min() > 0.0
+
+
+@pytest.mark.parametrize(
+    "static",
+    [
+        {"planes": None},
+        {"static": None},
+        {"planes": jssa_gym.types.Planes(np.array([[0.0, 0.0, np.nan]]), np.array([TABLE]), ("table",))},
+        {"planes": jssa_gym.types.Planes(np.array([[0.0, 0.0, 1.0]]), np.array([np.inf]), ("table",))},
+        {"planes": jssa_gym.types.Planes(np.zeros((2, 3)), np.zeros(1), ("table",))},
+        {"planes": jssa_gym.types.Planes(np.zeros(3), np.zeros(1), ("table",))},
+        {"static": dataclasses.replace(beside(), start=np.full((6, 3), np.nan))},
+        {"static": dataclasses.replace(beside(), start=np.zeros((2, 3)))},
+        {"static": dataclasses.replace(beside(), radius=np.full(6, np.inf))},
+    ],
+    ids=lambda value: next(iter(value)),
+)
+def test_a_static_scene_that_cannot_be_used_is_a_fault_that_brakes(robot, make_scene, static):
+    chosen = JSSAFilter(robot, DT, static_rows=True)
+    scene = moving(make_scene, beside())
+    decision = chosen.decide(changed(scene, "", **static), 0.1 * JERK)
+    check_decision(decision, chosen)
+    assert decision.status == Status.FAULT
+    assert_brakes(decision, scene)
+    # who does not ask for static rows does not mind
+    assert JSSAFilter(robot, DT).decide(changed(scene, "", **static), np.zeros(6)).status != Status.FAULT
 
 
 # ---- JSSA: what the decisions mean --------------------------------------------------------------------
@@ -1098,6 +1176,32 @@ class Blindfold(gym.Wrapper):
         valid = scene.valid.copy()
         valid[1] = False
         return dataclasses.replace(scene, valid=valid)
+
+
+class Dark(gym.Wrapper):
+    """A sensor that breaks down altogether."""
+
+    dark = False
+
+    @property
+    def scene(self):
+        if self.dark:
+            raise ConnectionError("no camera")
+        return self.env.unwrapped.scene
+
+
+def test_a_scene_that_cannot_be_had_is_a_fault_that_brakes():
+    sensor = Dark(gym.make("jssa_gym/Home-v0", human="none", terminate_on=()))
+    env = JSSAShield(sensor)
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(np.full(6, 0.5))
+    assert np.abs(env.unwrapped.scene.robot.velocity).min() > 0.01
+    sensor.dark = True
+    for _ in range(200):
+        *_, info = env.step(np.full(6, 0.5))
+        assert info["shield/status"] == Status.FAULT
+    assert np.abs(env.unwrapped.scene.robot.velocity).max() < 1e-6
 
 
 def test_the_shield_reads_the_outermost_scene():

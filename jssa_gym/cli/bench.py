@@ -75,5 +75,6 @@ class Bench:
             console.print(f"CBFpy on the same arm and pairs:\n{peer}", highlight=False)
         if first:
             console.print(
-                f"a shielded environment and 100 steps in a new process: {first[0]:.1f} s compiling, {first[1]:.2f} s cached"
+                f"a shielded environment and 100 steps in a new process: {first[0]:.1f} s compiling, "
+                f"{first[1]:.2f} s cached"
             )

@@ -85,6 +85,10 @@ class RobotModel:
     mount: Array = field(default_factory=lambda: _frozen(np.zeros(3)))
     """Where the MJCF's world origin stands in the world, shape (3,) [m]."""
 
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
+        """Itself: it cannot change, and a copy's arrays would be writable."""
+        return self
+
     @property
     def n(self) -> int:
         """Number of joints."""

@@ -1,5 +1,6 @@
 """Wrappers that put a filter between a policy and an environment."""
 
+import copy
 import logging
 from collections.abc import Sequence
 from typing import Any, Literal, Self
@@ -50,7 +51,8 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     Args:
         env: The environment.
-        filter: A filter built for the same robot and time step.
+        filter: A filter built for the same robot and time step. It is copied: it has a state, which no two
+            environments must share; the shield's own is its attribute ``filter``.
 
     Raises:
         InterfaceError: The environment lacks an attribute, or filter and environment differ.
@@ -76,7 +78,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
             raise InterfaceError(f"the action space has shape {shape}, the robot {robot.n} joints")
         if not (np.all(env.action_space.low == -1.0) and np.all(env.action_space.high == 1.0)):  # ty: ignore[missing-attribute]
             raise InterfaceError("the action space has to be [-1, 1]: fractions of the jerk bounds")
-        self.filter = filter
+        self.filter = copy.deepcopy(filter)
         self.last_decision: Decision | None = None
         self._jerk_bound = np.array(robot.limits.jerk)
         self._n = robot.n
