@@ -7,6 +7,9 @@ if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.env
     # has to be chosen before anything imports mujoco
     os.environ.setdefault("MUJOCO_GL", "egl")
 
+# two threads that wait for each other are slower than one on networks of this size; before torch is imported
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import functools
 from pathlib import Path
 

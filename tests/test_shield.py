@@ -882,6 +882,18 @@ def test_projectors_solve_random_problems(name, kind):
     assert infeasible > 3
 
 
+def test_osqp_takes_more_rows_than_it_was_set_up_for():
+    rng, projector, exact = np.random.default_rng(11), OSQPProjector(6), ExactProjector(6)
+    for m in (1, 7, 20, 3, 30):
+        L = rng.normal(size=(m, 6)) * 1e-3
+        rows = HalfSpaces(L, L @ (0.3 * JERK) - rng.uniform(0.0, 0.05, m))
+        nominal = rng.uniform(-1.0, 1.0, 6) * JERK
+        answer = projector.project(nominal, rows, -JERK, JERK)
+        assert "raised" not in answer.note
+        expected = exact.project(nominal, rows, -JERK, JERK).jerk
+        np.testing.assert_allclose(answer.jerk / JERK, expected / JERK, atol=1e-5)
+
+
 def test_a_projectors_answer_is_the_callers_to_keep():
     projector = ExactProjector(6)
     rows = HalfSpaces(np.array([[1e-3, 0, 0, 0, 0, 0]]), np.array([1e-2]))

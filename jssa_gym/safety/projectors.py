@@ -66,7 +66,8 @@ class ExactProjector(Projector):
         if count == 1 and self.diagonal is not None:
             left = project_row(nominal, rows.L[0], rows.S[0], lower, upper, self.diagonal, jerk)
             # a violation of rounding size is no infeasibility
-            return Projection(jerk, left <= 1e-12 * max(1.0, abs(rows.S[0])), max(left, 0.0), "")
+            kept = left < np.inf and left <= 1e-12 * max(1.0, abs(rows.S[0]))
+            return Projection(jerk, kept, max(left, 0.0), "")
         feasible, left = project_rows(
             nominal, rows.L, rows.S, count, lower, upper, self._inverse, self._floats, self._active, jerk
         )
