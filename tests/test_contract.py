@@ -1,0 +1,82 @@
+"""What every robot and every task keeps to; a new entry of a registry is tested without being asked."""
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+
+from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.envs.tasks import TASKS, Moment
+from jssa_gym.envs.world import SCENES, planes_of
+from jssa_gym.humans import nobody
+from jssa_gym.kernels.chain import forward, place
+from jssa_gym.kernels.records import FRAME, SEGMENT, records
+from jssa_gym.robots import ROBOTS
+from jssa_gym.safety.proximity import measure
+from jssa_gym.types import JointState
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+class TestRobot:
+    def test_home_is_a_rest_position_clear_of_table_and_itself(self, name: str) -> None:
+        for scene, height in SCENES.items():
+            robot = ROBOTS[name]().mounted([0.0, 0.0, height])
+            low, high = robot.limits.position.T
+            assert np.all((low < robot.home) & (robot.home < high))
+            zero = np.zeros(robot.n)
+            near = measure(robot, JointState(robot.home, zero, zero), nobody(), planes_of(scene))
+            assert near.own.min(initial=np.inf) > 0.0
+            assert near.planes.min(initial=np.inf) > 0.0
+
+    def test_capsules_stand_where_mujoco_has_them(self, name: str) -> None:
+        robot = ROBOTS[name]()
+        model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
+        data = mujoco.MjData(model)
+        rng = np.random.default_rng(0)
+        frames, segments = records(robot.n, FRAME), records(len(robot.capsules), SEGMENT)
+        for _ in range(5):
+            data.qpos[:] = rng.uniform(*robot.limits.position.T)
+            mujoco.mj_kinematics(model, data)
+            forward(robot.links, np.array([data.qpos, np.zeros(robot.n), np.zeros(robot.n)]), frames)
+            place(frames, robot.capsules, segments)
+            for segment, geom in zip(segments, robot.capsule_names, strict=True):
+                middle = (segment["start"] + segment["end"]) / 2.0
+                np.testing.assert_allclose(middle, data.geom(geom).xpos, atol=1e-12)
+
+    def test_it_can_be_named_in_an_environment(self, name: str) -> None:
+        env = gym.make("jssa_gym/Home-v0", robot=name, human="none")
+        env.reset(seed=0)
+        observation, *_ = env.step(env.action_space.sample())
+        assert env.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize("name", TASKS)
+class TestTask:
+    def test_its_goals_are_goals(self, name: str) -> None:
+        env = ArmEnv(name, human="none")
+        for seed in range(20):
+            env.reset(seed=seed)
+            np.testing.assert_array_equal(env.task.check_goal(env.goal, env.robot), env.goal)
+
+    def test_it_observes_what_its_features_announce(self, name: str) -> None:
+        env = ArmEnv(name, human="none")
+        env.reset(seed=0)
+        moment = Moment(np.array(env.robot.home), np.array([0.4, 0.0, 1.4]), 0.0, np.zeros(6), np.inf, False)
+        observed = env.task.observe(env.goal, moment)
+        assert observed.shape == (sum(f.size for f in env.task.features(env.robot)),)
+
+    def test_a_goal_that_is_met_is_reached_and_worth_most(self, name: str) -> None:
+        env = ArmEnv(name, human="none")
+        env.reset(seed=0)
+        away = Moment(np.array(env.robot.home) + 0.5, np.array([9.0, 9.0, 9.0]), 0.0, np.zeros(6), np.inf, False)
+        there = away._replace(**{"position" if len(env.goal) == env.robot.n else "tip": env.goal})
+        weight = env.task.terms[0].weight
+        assert weight * env.task.value(env.goal, there) > weight * env.task.value(env.goal, away)
+        assert env.task.reached(env.task.value(env.goal, there), there)
+        assert not env.task.reached(env.task.value(env.goal, away), away)
+
+    def test_its_human_and_its_terms_are_documented(self, name: str) -> None:
+        task = TASKS[name]()
+        assert f"**{task.name}** (default human: ``{task.human}``)" in (ArmEnv.__doc__ or "")
+        for term in task.terms:
+            assert term.text in (ArmEnv.__doc__ or "")
