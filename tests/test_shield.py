@@ -543,7 +543,7 @@ def test_a_static_scene_that_cannot_be_used_is_a_fault_that_brakes(robot, make_s
 # ---- JSSA: what the decisions mean --------------------------------------------------------------------
 
 
-def statuses(filter, random_scene, wanted, seed=0, limit=4000, **draw):
+def statuses(filter, random_scene, wanted, seed=0, limit=100_000, **draw):
     """Scenes with their decisions, ``wanted[status]`` of each."""
     rng = np.random.default_rng(seed)
     missing = dict(wanted)
@@ -1069,6 +1069,7 @@ NOT_FINITE = {
     "one nan": np.array([0.0, 0.1, np.nan, 0.2, 0.0, 0.0]),
     "inf": np.full(6, np.inf),
     "-inf": np.array([0.0, 0.0, 0.0, 0.0, 0.0, -np.inf]),
+    "signalling nan": np.full(6, 0x7FF0000000000001, np.uint64).view(np.float64),
     "float16 nan": np.full(6, np.nan, np.float16),
     "longdouble beyond": np.full(6, np.longdouble("1e4000")),
     "list nan": [np.nan] * 6,

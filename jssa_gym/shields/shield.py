@@ -115,7 +115,8 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         correction = 0.0
         if decision.status != Status.NOMINAL:
             applied = decision.jerk / self._jerk_bound
-            correction = float(np.abs(applied - fraction).max())
+            with np.errstate(invalid="ignore"):  # a signalling NaN in the action warns
+                correction = float(np.abs(applied - fraction).max())
             action = applied
         observation, reward, terminated, truncated, info = self.env.step(action)
         info["shield/status"] = int(decision.status)
