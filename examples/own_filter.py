@@ -14,7 +14,7 @@ class Brake(jssa_gym.SafetyFilter):
     def _filter(self, scene, state, agents, nominal, inside):
         near = measure(self.robot, scene.robot, scene.human, scene.planes)
         if near.smallest < NEAR:
-            jerk, status, reason = self.fallback(state), Status.FAILSAFE, "somebody is near"
+            jerk, status, reason = self.fallback(state), Status.PROJECTED, "somebody is near"
         elif inside:
             jerk, status, reason = self._clipped.copy(), Status.NOMINAL, ""
         else:
@@ -30,7 +30,7 @@ def main() -> None:
     stopped = 0
     for _ in range(1000):
         observation, *_, info = env.step(policy(observation))
-        stopped += info["shield/status"] == Status.FAILSAFE
+        stopped += info["shield/reason"] == "somebody is near"
     print(f"the arm braked or stood in {stopped} of 1000 steps")
 
 

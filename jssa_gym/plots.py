@@ -1,5 +1,6 @@
 """Figures and films of recorded episodes; needs the extra ``plots``."""
 
+import importlib.util
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,11 +19,25 @@ _JOINT_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E0
 """Okabe and Ito's palette, told apart by colour-blind people."""
 
 
+_INSTALL = "pip install 'jssa-gym[plots]', or pip install -e '.[plots]' in a clone"
+
+
+def require(film: bool = False) -> None:
+    """Find out before long work whether figures, and films, can be made.
+
+    Raises:
+        MissingExtraError: matplotlib or PyAV is not installed.
+    """
+    for module, what in (("matplotlib", "figures"), ("av", "films"))[: 2 if film else 1]:
+        if importlib.util.find_spec(module) is None:
+            raise MissingExtraError(f"{what} need the extra 'plots': {_INSTALL}")
+
+
 def _matplotlib() -> Any:
     try:
         import matplotlib
     except ImportError as error:
-        raise MissingExtraError("figures need the extra 'plots': pip install 'jssa-gym[plots]'") from error
+        raise MissingExtraError(f"figures need the extra 'plots': {_INSTALL}") from error
     matplotlib.use("agg", force=False)
     return matplotlib
 
@@ -50,7 +65,7 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
         _column(column, trace, limits, d_min)
     for row, label in zip(
         axes[:, 0],
-        ("distance [m]", "its rate [m/s]", "its second\nderivative [m/s²]", "critical capsule", "jerk [deg/s³]"),
+        ("distance [m]", "its rate [m/s]", "its second\nderivative [m/s²]", "critical capsule", "jerk / its bound"),
         strict=True,
     ):
         row.set_ylabel(label)
@@ -73,14 +88,16 @@ def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float
     axes[3].step(time, trace.pair[:, 1] + 1, where="post", color="#D55E00", linestyle=":", label="human")
     axes[3].set_yticks(range(1, 7))
     axes[3].legend(loc="upper right", fontsize="small")
-    bound = np.degrees(limits.jerk)
-    for j in range(trace.jerk.shape[1]):
+    share = trace.jerk / limits.jerk
+    for j in range(share.shape[1]):
         colour = _JOINT_COLOURS[j % len(_JOINT_COLOURS)]
-        axes[4].plot(time, np.degrees(trace.jerk[:, j]), color=colour, linewidth=0.8, label=f"J{j + 1}")
-    for sign in (-1.0, 1.0):
-        axes[4].axhline(sign * bound.max(), color="gray", linestyle="--", linewidth=0.8)
+        axes[4].plot(time, share[:, j], color=colour, linewidth=0.8, label=f"J{j + 1}")
+    axes[4].set_ylim(-1.1, 1.1)
     axes[4].legend(loc="upper right", fontsize="x-small", ncols=3)
     axes[4].set_xlabel("time [s]")
+    if trace.intervened.any():
+        axes[0].axvspan(np.nan, np.nan, color="#E69F00", alpha=0.18, label="shield active")
+        axes[0].legend(loc="upper right", fontsize="small")
     for start, end in _spans(trace.intervened):
         for panel in axes:
             panel.axvspan(time[start] - trace.dt, time[end - 1], color="#E69F00", alpha=0.18, linewidth=0.0)
@@ -131,7 +148,7 @@ def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int)
     try:
         import av
     except ImportError as error:
-        raise MissingExtraError("films need the extra 'plots': pip install 'jssa-gym[plots]'") from error
+        raise MissingExtraError(f"films need the extra 'plots': {_INSTALL}") from error
     path = Path(path)
     unfinished = path.with_suffix(".part.mp4")
     with av.open(str(unfinished), "w") as container:

@@ -239,6 +239,22 @@ def test_a_profile_has_five_panels_a_trace_and_shades_interventions(robot):
     np.testing.assert_array_equal(panel.lines[0].get_ydata(), trace.distance)
     spans = int((np.diff(trace.intervened.astype(int), prepend=0) == 1).sum())
     assert spans >= 1
-    assert len(panel.patches) == spans
+    # the first panel has one more, for the legend
+    assert len(figure.axes[2].patches) == spans == len(panel.patches) - 1
     jerks = figure.axes[8].lines[:6]
     np.testing.assert_allclose([line.get_ydata() for line in jerks], np.degrees(trace.jerk.T))
+
+
+def test_bench_measures_everything_and_agrees_with_mujoco():
+    """One round; that the distances agree with MuJoCo's is checked by the command itself."""
+    run = subprocess.run(
+        [sys.executable, "-m", "jssa_gym", "bench", "--rounds", "1", "--no-compile", "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    timings = json.loads(run.stdout[run.stdout.index("{") :])["timings"]
+    names = " ".join(timing["name"] for timing in timings)
+    for word in ("filter.decide", "osqp", "env.step, shielded", "mj_geomDistance", "projection alone"):
+        assert word in names
+    assert all(0.0 < timing["median"] <= timing["p99"] for timing in timings)

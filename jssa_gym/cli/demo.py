@@ -60,6 +60,7 @@ class Demo:
         """Run, print, write."""
         if not 0.1 <= self.seconds <= 60.0:
             raise ParameterError(f"seconds has to be between 0.1 and 60, got {self.seconds}")
+        plots.require(film=self.video)
         human = paper_scene(positive_number("speed", self.speed))
         try:
             self.out.mkdir(parents=True, exist_ok=True)
@@ -131,11 +132,11 @@ def _table(summaries: list[Summary]) -> Table:
         return "-" if value is None else f"{value * 1e6:.0f} µs"
 
     row("min distance", lambda s: f"{s.min_distance:+.3f} m")
-    row("contact", lambda s: "no" if not s.collision else "moving" if s.moving_contact else "at rest")
+    row("contact", lambda s: "no" if not s.collision else "arm moving" if s.moving_contact else "arm at rest")
     row("first trigger", lambda s: moment(s.first_trigger))
     row("last trigger", lambda s: moment(s.last_trigger))
     row("active", lambda s: f"{s.active_duration:.3f} s")
-    row("interventions", lambda s: str(s.n_activations))
+    row("activations", lambda s: str(s.n_activations))
     row("peak joint speed / limit", lambda s: f"{s.speed_limit_ratio:.2f}")
     row("peak jerk / bound", lambda s: f"{s.jerk_limit_ratio:.2f}")
     row("shield time p50", lambda s: micros(s.shield_p50))

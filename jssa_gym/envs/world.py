@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from jssa_gym.exceptions import DisplayError, RobotModelError
 from jssa_gym.headless import choose_gl_backend, has_display
 from jssa_gym.robots import RobotModel
+from jssa_gym.robots.model import COLLISION_GROUP
 from jssa_gym.types import Array, CapsuleSet, Planes
 from jssa_gym.validation import known_name
 
@@ -71,6 +72,9 @@ class World:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
+        moving = self.model.geom_bodyid > 0
+        # an arm without a visual body is drawn by its capsules
+        self._show_capsules = not bool(np.any(self.model.geom_group[moving] != COLLISION_GROUP))
         self._renderer: mujoco.Renderer | None = None
         self._window = None
         self._window_threads: set[threading.Thread] = set()
@@ -114,7 +118,7 @@ class World:
                 ) from error
         self.pose(position)
         option = mujoco.MjvOption()
-        option.geomgroup[3] = 0
+        option.geomgroup[COLLISION_GROUP] = self._show_capsules
         self._renderer.update_scene(self.data, camera=self.camera, scene_option=option)
         scene = self._renderer.scene
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self.pretty
@@ -143,7 +147,7 @@ class World:
             others = set(threading.enumerate())
             self._window = mujoco.viewer.launch_passive(self.model, self.data, show_left_ui=False, show_right_ui=False)
             self._window_threads = set(threading.enumerate()) - others
-            self._window.opt.geomgroup[3] = 0
+            self._window.opt.geomgroup[COLLISION_GROUP] = self._show_capsules
             with self._window.lock():
                 for name in ("azimuth", "elevation", "distance"):
                     setattr(self._window.cam, name, getattr(self.camera, name))

@@ -152,7 +152,8 @@ def _mujoco_capsules(robot: RobotModel, humans: CapsuleSet) -> tuple[Any, Any, t
     import mujoco
 
     spec = mujoco.MjSpec()
-    spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf)), frame=spec.worldbody.add_frame(pos=robot.mount.tolist()))
+    arm = mujoco.MjSpec.from_file(str(robot.mjcf))
+    spec.attach(arm, prefix="robot/", frame=spec.worldbody.add_frame(pos=robot.mount.tolist()))
     for i in range(len(humans.radius)):
         body = spec.worldbody.add_body(name=f"human {i}", mocap=True)
         half = (humans.end[i] - humans.start[i]) / 2.0
@@ -162,7 +163,7 @@ def _mujoco_capsules(robot: RobotModel, humans: CapsuleSet) -> tuple[Any, Any, t
         body.add_geom(name=f"human {i}", type=kind, size=[humans.radius[i], 0.0, 0.0], **options)
     model = spec.compile()
     ids = (
-        [model.geom(name).id for name in robot.capsule_names],
+        [model.geom(f"robot/{name}").id for name in robot.capsule_names],
         [model.geom(f"human {i}").id for i in range(len(humans.radius))],
     )
     return model, mujoco.MjData(model), ids

@@ -161,6 +161,9 @@ class RobotModel:
         for k in range(model.nkey):
             if model.key(k).name == home_key:
                 home = model.key_qpos[k].copy()
+        low, high = limits.position.T
+        if not np.all((low <= home) & (home <= high)):
+            raise RobotModelError(f"keyframe '{home_key}' lies outside the position ranges: {home.tolist()}")
         return cls(
             name=_model_name(model) or path.stem,
             joint_names=tuple(model.joint(j).name or f"joint {j}" for j in joints),
