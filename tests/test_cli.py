@@ -242,7 +242,7 @@ def test_a_profile_has_five_panels_a_trace_and_shades_interventions(robot):
     # the first panel has one more, for the legend
     assert len(figure.axes[2].patches) == spans == len(panel.patches) - 1
     jerks = figure.axes[8].lines[:6]
-    np.testing.assert_allclose([line.get_ydata() for line in jerks], np.degrees(trace.jerk.T))
+    np.testing.assert_allclose([line.get_ydata() for line in jerks], (trace.jerk / robot.limits.jerk).T)
 
 
 def test_bench_measures_everything_and_agrees_with_mujoco():

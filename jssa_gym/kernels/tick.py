@@ -86,13 +86,32 @@ def fill_observation(state, middle, tip, mount, near, parts, goal, gain, low, hi
 
 
 @jit
-def take_in(state, nominal, valid, lower, upper, agents, clipped):
-    """Check a filter's input and clip the nominal to the box.
+def take_in(
+    position,
+    velocity,
+    acceleration,
+    start,
+    end,
+    start_velocity,
+    end_velocity,
+    radius,
+    valid,
+    nominal,
+    lower,
+    upper,
+    state,
+    agents,
+    clipped,
+):
+    """Read a scene into ``state`` (3, n) and ``agents``, check all of it and clip the nominal to the box.
 
     Returns:
         A fault code (0 none, 1 nominal, 2 joint state, 3 agents not finite, 4 an agent not measured), and whether
         the nominal lies in the box.
     """
+    for k in range(nominal.shape[0]):
+        state[0, k], state[1, k], state[2, k] = position[k], velocity[k], acceleration[k]
+    load_agents(start, end, start_velocity, end_velocity, radius, agents)
     fault = unsound(state, nominal, agents)
     for j in range(valid.shape[0]):
         if fault == 0 and not valid[j]:

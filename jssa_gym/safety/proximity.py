@@ -23,23 +23,28 @@ def agent_records(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
     Raises:
         ValueError: The arrays' shapes do not fit together.
     """
-    radius = capsules.radius
-    ends = (radius.shape[0], 3)
+    out = records_for(capsules, out)
+    load_agents(capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity, capsules.radius, out)
+    return out
+
+
+def records_for(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
+    """Records of the right number for :func:`agent_records`, ``out`` if it fits, still to be filled.
+
+    Raises:
+        ValueError: The arrays' shapes do not fit together: kernels do not look.
+    """
+    shape = capsules.radius.shape
+    ends = (*shape, 3)
     if (
-        radius.ndim != 1
+        len(shape) != 1
         or capsules.start.shape != ends
         or capsules.end.shape != ends
         or capsules.start_velocity.shape != ends
         or capsules.end_velocity.shape != ends
     ):
-        raise ValueError(f"capsules need ends and velocities of shape {ends} for radii of shape {radius.shape}")
-    for array in (capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity, radius):
-        if array.dtype.kind not in "fiu":
-            raise ValueError(f"capsules are made of real numbers, got {array.dtype}")
-    if out is None or len(out) != ends[0]:
-        out = records(ends[0], AGENT)
-    load_agents(capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity, radius, out)
-    return out
+        raise ValueError(f"capsules need ends and velocities of shape {ends} for radii of shape {shape}")
+    return records(shape[0], AGENT) if out is None or len(out) != shape[0] else out
 
 
 def plane_records(planes: Planes) -> NDArray:

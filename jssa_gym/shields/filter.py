@@ -13,7 +13,7 @@ from jssa_gym.kernels.records import AGENT, records
 from jssa_gym.kernels.tick import take_in, unfit
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
-from jssa_gym.safety.proximity import agent_records
+from jssa_gym.safety.proximity import records_for
 from jssa_gym.types import Array, Decision, JointState, Scene, Status
 from jssa_gym.validation import positive_number
 
@@ -91,21 +91,34 @@ class SafetyFilter(ABC):
         """
         nominal = checked_action(nominal, self.robot.n)
         try:
+            # kernels do not look at shapes: everything is compared before they see it
             if scene is None:
                 raise ValueError("there is no scene")
-            self._read_state(scene.robot)
-        except Exception as error:  # whatever a robot reports, the arm must go on safely
-            return self._fault(nominal, f"the joint state cannot be read: {error}", readable=False)
-        try:
-            human = scene.human
-            self._agents = agents = agent_records(human, self._agents)
-            if scene.valid.shape != human.radius.shape or scene.valid.dtype.kind != "b":
-                raise ValueError(f"valid has shape {scene.valid.shape} for {len(agents)} capsules")
-            fault, inside = take_in(self._incoming, nominal, scene.valid, self.lower, self.upper, agents, self._clipped)
+            arm, human, valid, shape = scene.robot, scene.human, scene.valid, nominal.shape
+            if arm.position.shape != shape or arm.velocity.shape != shape or arm.acceleration.shape != shape:
+                raise ValueError(f"the joint state does not have shape {shape}")
+            self._agents = agents = records_for(human, self._agents)
+            if valid.shape != human.radius.shape or valid.dtype != np.bool_:
+                raise ValueError(f"valid has shape {valid.shape} for {len(agents)} capsules")
+            fault, inside = take_in(
+                arm.position,
+                arm.velocity,
+                arm.acceleration,
+                human.start,
+                human.end,
+                human.start_velocity,
+                human.end_velocity,
+                human.radius,
+                valid,
+                nominal,
+                self.lower,
+                self.upper,
+                self._incoming,
+                agents,
+                self._clipped,
+            )
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
-            fault = unsound(self._incoming, nominal, self._none)
-            reason = f"the scene does not fit: {error}" if fault == 0 else _FAULTS[fault]
-            return self._fault(nominal, reason, readable=fault != 2)
+            return self._unfit_scene(scene, nominal, error)
         if fault:
             return self._fault(nominal, _FAULTS[fault], readable=fault != 2)
         self._state, self._incoming = self._incoming, self._state
@@ -122,6 +135,18 @@ class SafetyFilter(ABC):
             return self._brake(nominal, _UNFIT[wrong])
         self._applied[:] = jerk
         return decision
+
+    def _unfit_scene(self, scene: Scene | None, nominal: Array, error: Exception) -> Decision:
+        """Brake without people to look at, from the joint state if at least that can be read."""
+        try:
+            if scene is None:
+                raise ValueError("there is no scene")
+            self._read_state(scene.robot)
+        except Exception as worse:
+            return self._fault(nominal, f"the joint state cannot be read: {worse}", readable=False)
+        fault = unsound(self._incoming, nominal, self._none)
+        reason = _FAULTS[fault] if fault else f"the scene does not fit: {error}"
+        return self._fault(nominal, reason, readable=fault != 2)
 
     def _read_state(self, robot: JointState) -> None:
         shape = (self.robot.n,)
