@@ -71,9 +71,7 @@ class SphereFilter(SafetyFilter):
     def decide(self, scene, nominal):
         people = sphere_people(scene.human)
         m = len(people.radius)
-        return self.inner.decide(
-            dataclasses.replace(scene, human=people, age=np.zeros(m), valid=np.ones(m, bool)), nominal
-        )
+        return self.inner.decide(scene._replace(human=people, age=np.zeros(m), valid=np.ones(m, bool)), nominal)
 
     def _filter(self, scene, state, agents, nominal, inside):
         raise NotImplementedError

@@ -8,8 +8,9 @@ from jssa_gym.humans import Body
 from jssa_gym.kernels.capsules import measure_planes, measure_self
 from jssa_gym.kernels.chain import drift_of, jacobian, jacobian_rate
 from jssa_gym.kernels.contact import observe
-from jssa_gym.kernels.index import assess, exact_rows, measure_present, printed_rows
+from jssa_gym.kernels.index import assess, exact_rows
 from jssa_gym.kernels.motion import brake, integrate, scale_action, violates
+from jssa_gym.kernels.printed import measure_present, printed_rows
 from jssa_gym.kernels.projection import project_row, project_rows, scratch, violation
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.robots import make_robot

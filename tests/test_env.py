@@ -2,7 +2,6 @@
 
 import ast
 import copy
-import dataclasses
 import hashlib
 import subprocess
 import sys
@@ -763,10 +762,10 @@ def arrays_of(value):
     """All arrays inside a scene, with their paths."""
     if isinstance(value, np.ndarray):
         yield "", value
-    elif dataclasses.is_dataclass(value):
-        for field in dataclasses.fields(value):
-            for path, array in arrays_of(getattr(value, field.name)):
-                yield f"{field.name}.{path}", array
+    elif isinstance(value, tuple) and hasattr(value, "_fields"):
+        for name, field in value._asdict().items():
+            for path, array in arrays_of(field):
+                yield f"{name}.{path}", array
 
 
 def same_scene(one: Scene, other: Scene):

@@ -1,7 +1,6 @@
 """Whatever goes wrong, the arm brakes, says so, and nobody else's state is touched."""
 
 import copy
-import dataclasses
 import os
 import subprocess
 import sys
@@ -68,13 +67,13 @@ def test_a_bad_static_scene_brakes(case: str, human: str) -> None:
     robot = env.unwrapped.robot
     filter = JSSAFilter(robot, env.unwrapped.dt, static_rows=True)
     assert filter.decide(scene, np.zeros(6)).status != Status.FAULT
-    bad = dataclasses.replace(scene, **BAD_STATIC[case])
+    bad = scene._replace(**BAD_STATIC[case])
     assert_brakes(filter.decide(bad, np.zeros(6)), scene, robot, "the filter failed")
 
 
 def test_a_static_capsule_that_moves_in_place_is_seen() -> None:
     env = gym.make("jssa_gym/Home-v0", human="none")
-    scene = dataclasses.replace(moving_scene(env), static=post(start=np.full((1, 3), 9.0), end=np.full((1, 3), 9.0)))
+    scene = moving_scene(env)._replace(static=post(start=np.full((1, 3), 9.0), end=np.full((1, 3), 9.0)))
     filter = JSSAFilter(env.unwrapped.robot, env.unwrapped.dt, static_rows=True)
     assert filter.decide(scene, np.zeros(6)).status == Status.NOMINAL
     tip = env.unwrapped.robot_capsules.end[-1]

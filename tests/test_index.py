@@ -17,10 +17,8 @@ from jssa_gym.kernels.index import (
     evaluate_plane,
     exact_rows,
     index_of,
-    measure_present,
-    printed_row,
-    printed_rows,
 )
+from jssa_gym.kernels.printed import measure_present, printed_row, printed_rows
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT
 from jssa_gym.robots import lr_mate_200id_7l
 from jssa_gym.safety.index import IndexParams

@@ -1,7 +1,5 @@
 """The scripted policies and the controller behind them."""
 
-import dataclasses
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -92,9 +90,9 @@ def test_the_cascade_keeps_its_references_to_a_share_of_the_limits(robot, share)
     # at the velocity reference it asks for no more acceleration; beyond it, for less
     at = JointState(limits.position[:, 0] + 0.0, share * limits.velocity, np.zeros(6))
     np.testing.assert_allclose(cascade.jerk(at, far), 0.0, atol=1e-9)
-    over = dataclasses.replace(at, velocity=1.1 * at.velocity)
+    over = at._replace(velocity=1.1 * at.velocity)
     assert np.all(cascade.jerk(over, far) < 0.0)
-    under = dataclasses.replace(at, velocity=0.9 * at.velocity)
+    under = at._replace(velocity=0.9 * at.velocity)
     assert np.all(cascade.jerk(under, far) > 0.0)
     # at the acceleration reference it asks for no more jerk
     held = JointState(limits.position[:, 0] + 0.0, -10.0 * limits.velocity, share * limits.acceleration)

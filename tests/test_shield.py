@@ -1,7 +1,6 @@
 """Shields and filters: what they decide, that they fail closed, and that without them the same runs end badly."""
 
 import copy
-import dataclasses
 
 import gymnasium as gym
 import numpy as np
@@ -39,13 +38,13 @@ def filter(request, robot):
 def changed(scene: Scene, part: str, **values) -> Scene:
     """A scene with some values of its robot or human replaced; ``part`` may be empty for the scene's own."""
     if not part:
-        return dataclasses.replace(scene, **values)
-    return dataclasses.replace(scene, **{part: dataclasses.replace(getattr(scene, part), **values)})
+        return scene._replace(**values)
+    return scene._replace(**{part: getattr(scene, part)._replace(**values)})
 
 
 def arrays(scene: Scene):
     for part in (scene.robot, scene.human, scene.static, scene.planes):
-        yield from (v for f in dataclasses.fields(part) if isinstance(v := getattr(part, f.name), np.ndarray))
+        yield from (v for v in part if isinstance(v, np.ndarray))
     yield from (scene.age, scene.valid)
 
 
@@ -307,7 +306,7 @@ def test_faults_that_come_together_still_brake(filter, make_scene):
     nan = np.full(6, np.nan)
     velocity = scene.robot.velocity.copy()
     velocity[3] = np.nan
-    wrong_human = dataclasses.replace(scene.human, start=np.zeros((2, 3)))
+    wrong_human = scene.human._replace(start=np.zeros((2, 3)))
     for bad in (
         changed(scene, "robot", velocity=velocity),
         changed(scene, "robot", position=nan, velocity=nan, acceleration=nan),
@@ -523,9 +522,9 @@ def test_no_scene_at_all_is_a_fault(filter, make_scene):
         {"planes": jssa_gym.types.Planes(np.array([[0.0, 0.0, 1.0]]), np.array([np.inf]), ("table",))},
         {"planes": jssa_gym.types.Planes(np.zeros((2, 3)), np.zeros(1), ("table",))},
         {"planes": jssa_gym.types.Planes(np.zeros(3), np.zeros(1), ("table",))},
-        {"static": dataclasses.replace(beside(), start=np.full((6, 3), np.nan))},
-        {"static": dataclasses.replace(beside(), start=np.zeros((2, 3)))},
-        {"static": dataclasses.replace(beside(), radius=np.full(6, np.inf))},
+        {"static": beside()._replace(start=np.full((6, 3), np.nan))},
+        {"static": beside()._replace(start=np.zeros((2, 3)))},
+        {"static": beside()._replace(radius=np.full(6, np.inf))},
     ],
     ids=lambda value: next(iter(value)),
 )
@@ -725,7 +724,7 @@ def test_a_static_capsule_makes_rows_too(robot, make_scene):
         assert decision.pair[1] < len(human.radius)
     assert JSSAFilter(robot, DT).decide(scene, np.zeros(6)).status == Status.NOMINAL
     # that the post is elsewhere in the next scene is noticed
-    far = dataclasses.replace(post, start=post.start + 9.0, end=post.end + 9.0)
+    far = post._replace(start=post.start + 9.0, end=post.end + 9.0)
     assert chosen.decide(changed(scene, "", static=far), np.zeros(6)).status == Status.NOMINAL
 
 
@@ -1188,7 +1187,7 @@ class Blindfold(gym.Wrapper):
             return scene
         valid = scene.valid.copy()
         valid[1] = False
-        return dataclasses.replace(scene, valid=valid)
+        return scene._replace(valid=valid)
 
 
 class Dark(gym.Wrapper):

@@ -9,8 +9,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jssa_gym.envs.observation import FAR, Feature, Observation, feature_table
-from jssa_gym.envs.tasks import COMMON_TERMS, TASKS, Moment, Task, make_task
+from jssa_gym.envs.describe import arm_features, describe
+from jssa_gym.envs.observation import Observation
+from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Task, make_task
 from jssa_gym.envs.world import SCENES, World, planes_of
 from jssa_gym.exceptions import DisplayError, InvalidActionError, ParameterError
 from jssa_gym.headless import has_display
@@ -19,9 +20,9 @@ from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, records
 from jssa_gym.kernels.tick import fill_observation, tick
-from jssa_gym.robots import RobotModel, lr_mate_200id_7l, make_robot
+from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.action import checked_action
-from jssa_gym.safety.proximity import TRUTH, agent_records
+from jssa_gym.safety.proximity import TRUTH, records_for
 from jssa_gym.types import Array, CapsuleSet, JointState, Scene
 from jssa_gym.validation import known_name, positive_number, real_array
 
@@ -56,22 +57,6 @@ class Closest(NamedTuple):
     """Human capsule, -1 without a human."""
     contact_speed: float
     """Largest speed of a touching point of the robot [m/s]; 0 without contact."""
-
-
-def arm_features(robot: RobotModel, parts: int) -> tuple[Feature, ...]:
-    """What every task observes before its own features: the arm and the people."""
-    limits, n = robot.limits, robot.n
-    half = (limits.position[:, 1] - limits.position[:, 0]) / 2.0
-    return (
-        Feature("position", n, tuple(half.tolist()), -1.5, 1.5, "joint position from mid-range / half range"),
-        Feature("velocity", n, tuple(limits.velocity.tolist()), -2.0, 2.0, "joint velocity / limit"),
-        Feature("acceleration", n, tuple(limits.acceleration.tolist()), -2.0, 2.0, "joint acceleration / limit"),
-        Feature("tip", 3, (1.0,), -FAR, FAR, "tool centre point from the robot's base [m]"),
-        Feature("gap", 3, (1.0,), -FAR, FAR, "closest axis points: human's minus robot's [m]"),
-        Feature("human_point", 3, (1.0,), -FAR, FAR, "closest human axis point from the robot's base [m]"),
-        Feature("human_velocity", 3, (1.0,), -3.0, 3.0, "its velocity [m/s]"),
-        Feature("human_distance", parts, (1.0,), -0.5, FAR, "surface distance of each body part to the arm [m]"),
-    )
 
 
 class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  # its docstring is made below
@@ -129,8 +114,6 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         n, limits = self.robot.n, self.robot.limits
         self._jerk_bound = np.array(limits.jerk)
         self._bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
-        self._middle = limits.position.mean(axis=1)
-        self._mount = np.array(self.robot.mount)
         self._zero = np.zeros(n)
         self._parameters = TRUTH.array()
         self._frames, self._segments = records(n, FRAME), records(len(self.robot.capsules), SEGMENT)
@@ -141,6 +124,9 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self._parts = np.zeros(max(parts, 1))
         self._static = nobody()
         self._observation = Observation((*arm_features(self.robot, max(parts, 1)), *self.task.features(self.robot)))
+        self._scaling = self._observation.scaling(
+            {"position": limits.position.mean(axis=1), "tip": self.robot.mount, "human_point": self.robot.mount}
+        )
         self.observation_space: spaces.Space = self._observation.space
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
         self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
@@ -238,16 +224,17 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             goal = self.task.draw_goal(self.np_random, self.robot, self.planes)
         for _ in range(100):
             self._begin(position, goal, self.human.reset(self.np_random, start))
-            self._look(self._state, self._zero, 0.0)
+            _, distance, contact_speed, _ = self._look(self._state, self._zero, 0.0)
             # nobody begins within reach of contact, unless the user puts them there
-            if self._near[0] >= _START_CLEARANCE or start is not None:
+            if distance >= _START_CLEARANCE or start is not None:
                 break
         if self.dynamics == "servo":
             self.world.servo_reset(position)
-        info = self._info(np.zeros(self.robot.n), False, False)
+        info = self._info(np.zeros(self.robot.n), distance, contact_speed, False, False)
         if self.render_mode == "human":
             self.render()
-        return self._observed(), info
+        moment = Moment(position, self._tip[0], self._tip_speed, self._zero, distance, False)
+        return self._observed(moment), info
 
     def _checked_position(self, position: Any) -> Array:
         if position is None:
@@ -268,14 +255,15 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self._closest = (-1, -1)
         self._tip_speed = 0.0
 
-    def _look(self, before: Array, jerk: Array, dt: float) -> tuple[Array, bool]:
+    def _look(self, before: Array, jerk: Array, dt: float) -> tuple[Array, float, float, bool]:
         """Move a joint state on and measure the arm against the people as they are now.
 
         Returns:
-            The joint state after ``dt``, shape (3, n), and whether it or the jerk exceeds a limit.
+            The joint state after ``dt``, shape (3, n), the smallest distance [m], the largest speed of a touching
+            point [m/s], and whether state or jerk exceeds a limit.
         """
-        robot, after = self.robot, np.empty_like(before)
-        row, column, self._tip_speed, violation = tick(
+        robot, people, after = self.robot, self._people, np.empty_like(before)
+        row, column, distance, contact_speed, self._tip_speed, violation = tick(
             robot.links,
             robot.capsules,
             robot.tool_link,
@@ -285,9 +273,14 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             dt,
             self._bounds,
             _LIMIT_TOLERANCE,
-            self._agents,
+            people.start,
+            people.end,
+            people.start_velocity,
+            people.end_velocity,
+            people.radius,
             self._parameters,
             after,
+            self._agents,
             self._frames,
             self._segments,
             self._pairs,
@@ -296,11 +289,11 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             self._tip,
         )
         self._closest = (row, column)
-        return after, violation
+        return after, distance, contact_speed, violation
 
     def _take_people(self, people: CapsuleSet) -> None:
         self._people, self._scene = people, None
-        self._agents = agent_records(people, self._agents)
+        self._agents = records_for(people, self._agents)
         if self._pairs.shape[1] != len(self._agents):
             self._age, self._valid = np.zeros(len(self._agents)), np.ones(len(self._agents), np.bool_)
             self._pairs = records((len(self._segments), len(self._agents)), PAIR)
@@ -321,20 +314,19 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self._take_people(self.human.step(self.dt, self.robot_capsules if self.human.reacts else self._static))
         self._steps += 1
         self._time = self._steps * self.dt
-        before, near = self._state, self._near
-        self._state, violation = self._look(before, jerk, self.dt)
+        before = self._state
+        self._state, distance, contact_speed, violation = self._look(before, jerk, self.dt)
         self._actual = self._state
         if self.dynamics == "servo":
             actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
-            self._actual, _ = self._look(actual, self._zero, 0.0)
+            self._actual, distance, contact_speed, _ = self._look(actual, self._zero, 0.0)
 
-        distance = float(near[0])
-        moving = float(near[3]) > MOVING
+        moving = contact_speed > MOVING
         moment = Moment(self._actual[0], self._tip[0], self._tip_speed, fraction, distance, moving)
         value = self.task.value(self._goal, moment)
         self._held = self._held + 1 if self.task.reached(value, moment) else 0
         success = self._held >= self._hold_steps
-        info = self._info(jerk, success, violation)
+        info = self._info(jerk, distance, contact_speed, success, violation)
         reward = self._reward(moment, value, success, info)
         terminated = (
             (success and self._ends_success)
@@ -344,29 +336,26 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         )
         if self.render_mode == "human":
             self.render()
-        return self._observed(), reward, terminated, False, info
+        return self._observed(moment), reward, terminated, False, info
 
     def _reward(self, moment: Moment, value: float, success: bool, info: dict[str, Any]) -> float:
-        values = [value]
-        if len(self.task.terms) > 1:
-            values.append(float(success))
         action = moment.action
-        values.append(float(action.dot(action)) / len(action))
-        values.append(info["cost"])
-        values.append(float(moment.moving_contact))
+        effort = float(action.dot(action)) / len(action)
+        common = (effort, info["cost"], 1.0 if moment.moving_contact else 0.0)
+        own = (value,) if len(self.task.terms) == 1 else (value, float(success))
         total = 0.0
-        for (key, weight), x in zip(self._terms, values):  # noqa: B905  # hot path, same length by construction
+        for (key, weight), x in zip(self._terms, own + common):  # noqa: B905  # hot path, same length by construction
             info[key] = term = weight * x
             total += term
         return total
 
-    def _info(self, jerk: Array, success: bool, violation: bool) -> dict[str, Any]:
-        near = self._near
-        distance = float(near[0])
+    def _info(
+        self, jerk: Array, distance: float, contact_speed: float, success: bool, violation: bool
+    ) -> dict[str, Any]:
         info = {
             "distance": distance,
             "contact": distance <= 0.0,
-            "contact_speed": float(near[3]),
+            "contact_speed": contact_speed,
             "cost": 1.0 if distance < self.d_min else 0.0,
             "jerk": jerk,
             "limit_violation": violation,
@@ -376,25 +365,14 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             info["tracking_error"] = self._actual[0] - self._state[0]
         return info
 
-    def _observed(self) -> NDArray[np.float32]:
+    def _observed(self, moment: Moment) -> NDArray[np.float32]:
         # with servos the policy sees the commanded joints, as the shield does; the tip is the simulated one's
-        state, table = self._state, self._observation
-        moment = Moment(state[0], self._tip[0], self._tip_speed, state[0], float(self._near[0]), False)
-        raw = np.empty(table.size)
-        fill_observation(
-            state,
-            self._middle,
-            self._tip,
-            self._mount,
-            self._near,
-            self._parts,
-            self.task.observe(self._goal, moment),
-            table.gain,
-            table.low,
-            table.high,
-            raw,
-        )
-        return raw.astype(np.float32)
+        state, out = self._state, np.empty(self._observation.size, np.float32)
+        if self._actual is not state:
+            moment = moment._replace(position=state[0])
+        goal = self.task.observe(self._goal, moment)
+        fill_observation(state, self._tip, self._near, self._parts, goal, self._scaling, out)
+        return out
 
     def render(self) -> Any:
         """A picture of shape (height, width, 3) for ``rgb_array``; draws the window for ``human``."""
@@ -413,70 +391,4 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             self._world.close()
 
 
-def _describe() -> str:
-    """The class docstring, from the tables that the code runs on."""
-    robot = lr_mate_200id_7l()
-    parts = 6
-    indent = "\n    ".join
-    common = arm_features(robot, parts)
-    blocks = []
-    for task in (cls() for cls in TASKS.values()):
-        features = feature_table((*common, *task.features(robot))).splitlines()[-1]
-        terms = "\n".join(f"{t.weight:+7.2f} · {t.name:<10} {t.text}" for t in (*task.terms, *COMMON_TERMS))
-        blocks.append(
-            f"**{task.name}** (default human: ``{task.human}``). {task.text}\n\n::\n\n"
-            + "\n".join("    " + line for line in (features, *terms.splitlines()))
-            + "\n"
-        )
-    text = f"""An arm driven by joint jerk beside moving people, 125 Hz.
-
-The joint state follows the paper's Eq. (1) exactly, jerk held over each step of 0.008 s. With
-``dynamics="servo"`` MuJoCo simulates the arm's inertias under 1 kHz position servos that track that command;
-distances, contacts and success are then those of the simulated arm, and ``info["tracking_error"]`` (n,) [rad] is its
-position minus the command's. Limits are reported, not enforced: that is a shield's work.
-
-**Action**: joint jerk as a share of the jerk bounds, ``Box(-1, 1, (n,), float32)``; float64 is taken as it is.
-
-**Observation**, float32, values clipped to the bounds (index, name, bounds, meaning; for the six joints and one
-kind of body)::
-
-{chr(10).join("    " + line for line in feature_table(common).splitlines())}
-
-then the task's goal. Without a human the human's entries are at their upper bounds, the velocity 0.
-
-**Tasks**, with the goal's observation and the reward's terms:
-
-{chr(10).join(blocks)}
-
-**Termination**: what ``terminate_on`` names: ``success``, ``contact``, ``moving_contact`` (the robot's touching
-point faster than 1e-3 m/s) or ``limit_violation``; the default is success and moving contact. A contact with the arm
-at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s), by ``TimeLimit``.
-
-**Start**: at rest at home, nobody closer than 0.1 m. ``reset(options={{...}})`` takes ``joint_position``, ``goal`` and
-``human_start``.
-
-**info** after reset and step: ``distance`` [m] (smallest robot-human surface distance, inf without a human),
-``contact`` (bool), ``contact_speed`` [m/s] (of the robot's touching point, 0.0 without contact), ``cost`` (1.0 when
-the distance is below ``d_min``), ``jerk`` (n,) [rad/s³] applied, ``limit_violation`` (bool), ``success`` (bool); after
-step also ``reward/<term>``.
-
-Args:
-    task: ``"home"``, ``"reach"`` or a :class:`~jssa_gym.envs.tasks.Task`.
-    human: A name in :data:`jssa_gym.humans.HUMANS`, a motion, or several of them; None for the task's default.
-    dynamics: ``"kinematic"`` or ``"servo"``.
-    scene: ``"table"`` (the base stands at 0.87 m, the arm must stay above) or ``"floor"``.
-    robot: A name in :data:`jssa_gym.robots.ROBOTS`, a model, or an MJCF file with its limits beside it.
-    terminate_on: What ends an episode.
-    d_min: Distance below which ``cost`` is 1 [m].
-    render_mode: ``"rgb_array"``, ``"human"`` (a window; listed where there is a display) or None.
-    width, height: Size of pictures [pixels].
-
-Raises:
-    ParameterError: An argument is unknown or out of range.
-    RobotModelError: The robot's file cannot be modelled.
-    DisplayError: ``render_mode="human"`` without a display.
-"""
-    return indent(text.splitlines())
-
-
-ArmEnv.__doc__ = _describe()
+ArmEnv.__doc__ = describe()

@@ -1,10 +1,11 @@
 """The observation as a table: what is in it, how it is scaled, within which bounds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import ParameterError
 
@@ -47,6 +48,17 @@ class Observation:
         for feature in self.features:
             self.slices[feature.name] = slice(begin, begin + feature.size)
             begin += feature.size
+
+    def scaling(self, shifts: Mapping[str, ArrayLike]) -> NDArray[np.float64]:
+        """Shift, gain, low and high of every number as the kernel reads them, shape (4, size).
+
+        Args:
+            shifts: What is subtracted from the features named; 0 from the others.
+        """
+        shift = np.zeros(self.size)
+        for name, value in shifts.items():
+            shift[self.slices[name]] = value
+        return np.array([shift, self.gain, self.low, self.high])
 
     @property
     def space(self) -> spaces.Box:

@@ -4,7 +4,7 @@ import numpy as np
 
 from jssa_gym.kernels.capsules import measure_agents, nearest
 from jssa_gym.kernels.chain import forward, place, point_on, velocity_of
-from jssa_gym.kernels.index import evaluate
+from jssa_gym.kernels.index import approach
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.vector import add, along, dot, put, scale, subtract
 
@@ -55,7 +55,8 @@ def observe(links, capsules, state, agents, index, frames, segments, pairs, out,
         return row, column
     pair, agent = pairs[row, column], agents[column]
     s, r = pair["s"], pair["r"]
-    _, out[1], out[2], _ = evaluate(segments[row], agent, s, r, distance, index)
+    moving = approach(segments[row], agent, s, r, distance, index)
+    out[1], out[2] = moving.rate, moving.curvature
     on_robot, _, _ = point_on(segments[row], s)
     on_agent = along(agent["start"], agent["end"], r)
     put(out[4:7], subtract(on_agent, on_robot))

@@ -19,24 +19,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jssa_gym.kernels.capsules import capsule_pair, measure_agents, nearest, plane_pair
-from jssa_gym.kernels.chain import (
-    acceleration_of,
-    drift_of,
-    forward,
-    place,
-    point_on,
-    velocity_of,
-)
+from jssa_gym.kernels.capsules import capsule_pair, plane_pair
+from jssa_gym.kernels.chain import forward, place, point_on
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.vector import add, along, cross, dot, scale, subtract
 
 _TOUCHING = 1e-3
 """Axis distance [m] below which 1/d is held: the axes cross, the bodies overlap by both radii."""
-
-_SURFACE_TOUCHING = 1e-3
-"""Surface distance [m] below which the printed row, which divides by it, uses the axis direction."""
 
 
 class Index(NamedTuple):
@@ -71,7 +61,7 @@ class Gradient(NamedTuple):
 
 
 @jit
-def _direction(w, d, fallback):
+def direction(w, d, fallback):
     """Unit vector from the agent to the robot; where the axes cross, the direction between midpoints, else up."""
     if not (d < 1e-9):
         return scale(w, 1.0 / d)
@@ -81,42 +71,49 @@ def _direction(w, d, fallback):
     return (0.0, 0.0, 1.0)
 
 
+class Approach(NamedTuple):
+    """How the closest points of a robot capsule and an agent move against each other."""
+
+    n: tuple[float, float, float]
+    """Unit vector from the agent to the robot."""
+    d: float
+    """Axis distance, held above 1 mm [m]."""
+    rate: float
+    """Of the distance [m/s]."""
+    curvature: float
+    """Second derivative of the distance [m/s²]."""
+    v_side: tuple[float, float, float]
+    """Relative velocity across n [m/s]."""
+    a: tuple[float, float, float]
+    """Relative acceleration [m/s²]."""
+    slide_robot: float
+    """Rate at which the closest point slides along the robot's axis, as a fraction of it [1/s]; 0 if not resolved."""
+    slide_agent: float
+    """The same on the agent's axis [1/s]."""
+
+
 @jit
-def evaluate(segment, agent, s, r, distance, index):
-    r"""Index and its gradients at the closest points :math:`P(s)` on the robot and :math:`Q(r)` on the agent.
+def approach(segment, agent, s, r, distance, index):
+    r"""Distance rates at the closest points :math:`P(s)` on the robot and :math:`Q(r)` on the agent.
 
     :math:`\ddot d = n\cdot a + |v_\perp|^2/d - b^\top H^{-1} b/d`, where the last term, the sliding of the closest
     points along the axes, is there for each axis on which the closest point lies inside. Leaving it out always
     over-states :math:`\ddot d`. Its sin² floor and its limit keep it finite where the axes are nearly parallel.
-
-    Returns:
-        :math:`\phi`, :math:`\dot d`, :math:`\ddot d` and the :class:`Gradient`.
     """
     p, v, a = point_on(segment, s)
     w = subtract(p, along(agent["start"], agent["end"], r))
     v = subtract(v, along(agent["start_velocity"], agent["end_velocity"], r))
     d = distance + segment["radius"] + agent["radius"]
-    middle = subtract(along(segment["start"], segment["end"], 0.5), along(agent["start"], agent["end"], 0.5))
-    n = _direction(w, d, middle)
+    if d < 1e-9:
+        middle = subtract(along(segment["start"], segment["end"], 0.5), along(agent["start"], agent["end"], 0.5))
+        n = direction(w, d, middle)
+    else:
+        n = scale(w, 1.0 / d)
     d = max(d, _TOUCHING)
-    d_dot = dot(n, v)
-    v_side = subtract(v, scale(n, d_dot))
-    a_side = subtract(a, scale(n, dot(n, a)))
-    v_side2 = dot(v_side, v_side)
-    d_ddot = dot(n, a) + v_side2 / d
-
-    g_a = scale(n, -index.lambda2)
-    g_v = add(scale(n, -index.lambda1), scale(v_side, -2.0 * index.lambda2 / d))
-    curl = subtract(
-        scale(a_side, 1.0 / d),
-        add(scale(n, v_side2 / d**2), scale(v_side, 2.0 * d_dot / d**2)),
-    )
-    g_p = add(
-        scale(n, -2.0 * abs(distance)),
-        add(scale(v_side, -index.lambda1 / d), scale(curl, -index.lambda2)),
-    )
-    turn = (0.0, 0.0, 0.0)
-
+    rate = dot(n, v)
+    v_side = subtract(v, scale(n, rate))
+    curvature = dot(n, a) + dot(v_side, v_side) / d
+    slide_robot, slide_agent = 0.0, 0.0
     inside_robot, inside_agent = 0.0 < s < 1.0, 0.0 < r < 1.0
     if index.sliding and (inside_robot or inside_agent):
         e = subtract(segment["end"], segment["start"])
@@ -128,23 +125,57 @@ def evaluate(segment, agent, s, r, distance, index):
         b_agent = -(dot(v, f) + dot(w, f_dot))
         if inside_robot and inside_agent:
             det = max(ee * ff - ef * ef, index.sin2_floor * ee * ff)
-            beta_robot = (ff * b_robot + ef * b_agent) / det
-            beta_agent = (ef * b_robot + ee * b_agent) / det
+            slide_robot = (ff * b_robot + ef * b_agent) / det
+            slide_agent = (ef * b_robot + ee * b_agent) / det
         elif inside_robot:
-            beta_robot, beta_agent = b_robot / ee, 0.0
+            slide_robot = b_robot / ee
         else:
-            beta_robot, beta_agent = 0.0, b_agent / ff
-        sliding = (beta_robot * b_robot + beta_agent * b_agent) / d
+            slide_agent = b_agent / ff
+        sliding = (slide_robot * b_robot + slide_agent * b_agent) / d
         if sliding < index.sliding_limit:
-            d_ddot -= sliding
-            k = 2.0 * index.lambda2 / d
-            g_v = add(g_v, subtract(scale(e, k * beta_robot), scale(f, k * beta_agent)))
-            turn = scale(cross(e, w), k * beta_robot)
+            curvature -= sliding
         else:
-            d_ddot -= index.sliding_limit
+            # held: its gradient is none
+            curvature -= index.sliding_limit
+            slide_robot, slide_agent = 0.0, 0.0
+    return Approach(n, d, rate, curvature, v_side, a, slide_robot, slide_agent)
 
-    phi = index.d_min**2 - distance * abs(distance) - index.lambda1 * d_dot - index.lambda2 * d_ddot
-    return phi, d_dot, d_ddot, Gradient(g_p, g_v, g_a, turn)
+
+@jit
+def index_value(distance, rate, curvature, index):
+    r""":math:`\phi` of Eq. (6) with the signed square [m²]."""
+    return index.d_min**2 - distance * abs(distance) - index.lambda1 * rate - index.lambda2 * curvature
+
+
+@jit
+def evaluate(segment, agent, s, r, distance, index):
+    r"""Index and its gradients at the closest points :math:`P(s)` on the robot and :math:`Q(r)` on the agent.
+
+    Returns:
+        :math:`\phi`, :math:`\dot d`, :math:`\ddot d` and the :class:`Gradient`.
+    """
+    at = approach(segment, agent, s, r, distance, index)
+    n, d, v_side = at.n, at.d, at.v_side
+    a_side = subtract(at.a, scale(n, dot(n, at.a)))
+    g_a = scale(n, -index.lambda2)
+    g_v = add(scale(n, -index.lambda1), scale(v_side, -2.0 * index.lambda2 / d))
+    curl = subtract(
+        scale(a_side, 1.0 / d),
+        add(scale(n, dot(v_side, v_side) / d**2), scale(v_side, 2.0 * at.rate / d**2)),
+    )
+    g_p = add(
+        scale(n, -2.0 * abs(distance)),
+        add(scale(v_side, -index.lambda1 / d), scale(curl, -index.lambda2)),
+    )
+    turn = (0.0, 0.0, 0.0)
+    if at.slide_robot != 0.0 or at.slide_agent != 0.0:
+        e, f = subtract(segment["end"], segment["start"]), subtract(agent["end"], agent["start"])
+        w = subtract(along(segment["start"], segment["end"], s), along(agent["start"], agent["end"], r))
+        k = 2.0 * index.lambda2 / d
+        g_v = add(g_v, subtract(scale(e, k * at.slide_robot), scale(f, k * at.slide_agent)))
+        turn = scale(cross(e, w), k * at.slide_robot)
+    phi = index_value(distance, at.rate, at.curvature, index)
+    return phi, at.rate, at.curvature, Gradient(g_p, g_v, g_a, turn)
 
 
 @jit
@@ -153,7 +184,7 @@ def evaluate_plane(segment, plane, s, distance, index):
     _, v, a = point_on(segment, s)
     n = (plane["normal"][0], plane["normal"][1], plane["normal"][2])
     d_dot, d_ddot = dot(n, v), dot(n, a)
-    phi = index.d_min**2 - distance * abs(distance) - index.lambda1 * d_dot - index.lambda2 * d_ddot
+    phi = index_value(distance, d_dot, d_ddot, index)
     gradient = Gradient(
         scale(n, -2.0 * abs(distance)),
         scale(n, -index.lambda1),
@@ -196,7 +227,8 @@ def assess(links, capsules, state, jerk, agents, planes, tau, index, after, fram
                 agent = agents[j]
                 radii = robot["radius"] + agent["radius"]
                 distance, s, r = capsule_pair(robot["start"], robot["end"], agent["start"], agent["end"], radii)
-                phi, _, _, _ = evaluate(robot, agent, s, r, distance, index)
+                moving = approach(robot, agent, s, r, distance, index)
+                phi = index_value(distance, moving.rate, moving.curvature, index)
             elif robot["link"] == 0:
                 distance, s, r, phi = np.inf, 0.0, 0.0, -np.inf
             else:
@@ -268,7 +300,7 @@ def exact_rows(frames, segments, agents, planes, pairs, jerk, lower, upper, tau,
         lower, upper: Jerk bounds, shape (n,) [rad/s³].
         tau: Step [s].
         index: Parameters.
-        only: Column-major number ``i * columns + j`` of the only pair to look at, or -1 for all.
+        only: Row-major number ``i * columns + j`` of the only pair to look at, or -1 for all.
         authority: Smallest authority [m²].
         L: Result, shape (rows, n) [m²/(rad/s³)].
         S: Result, shape (rows,) [m²].
@@ -302,103 +334,6 @@ def exact_rows(frames, segments, agents, planes, pairs, jerk, lower, upper, tau,
             if reach <= 0.0 or span < authority:
                 continue
             S[used] = phi + at_jerk
-            owner[used] = i * columns + j
-            used += 1
-    return used
-
-
-@jit
-def printed_row(frames, segment, agent, s, r, tau, index, row):
-    r"""The row of Eq. (13) to the letter, for the closest *surface* points of one pair.
-
-    :math:`\Delta = A^C M + B^C(\ddot J\dot\theta + 2\dot J\ddot\theta) - H_{k+1}` (Eq. 11), plain square, and
-    :math:`L = 2(\lambda_1\Delta^\top U_2 + \lambda_2\Delta^\top U_3 + \lambda_2\Delta^\top U_4) B^C J`, which is about
-    twice the true gradient because :math:`U_2` and :math:`U_4` are not symmetric. Within 1 mm of contact, where the
-    formula divides by zero, the direction between the axes is used.
-
-    Args:
-        frames, segment, agent: At the *present* time.
-        s, r: Fractions of the closest axis points.
-        tau: Step [s].
-        index: Parameters; the sliding term plays no part here.
-        row: Result :math:`L`, shape (n,) [m³/(rad/s³)].
-
-    Returns:
-        :math:`S` [m³], and the surface distance it was multiplied by [m].
-    """
-    axis_point = along(segment["start"], segment["end"], s)
-    agent_axis = along(agent["start"], agent["end"], r)
-    w = subtract(axis_point, agent_axis)
-    middle = subtract(along(segment["start"], segment["end"], 0.5), along(agent["start"], agent["end"], 0.5))
-    n = _direction(w, np.sqrt(dot(w, w)), middle)
-    point = subtract(axis_point, scale(n, segment["radius"]))
-    agent_velocity = along(agent["start_velocity"], agent["end_velocity"], r)
-    agent_point = add(add(agent_axis, scale(n, agent["radius"])), scale(agent_velocity, tau))
-
-    frame = frames[segment["link"]]
-    lever = subtract(point, frame["origin"])
-    v0, a0 = velocity_of(frame, lever), acceleration_of(frame, lever)
-    j0 = drift_of(frame, lever)
-    p = add(point, add(scale(v0, tau), add(scale(a0, tau**2 / 2.0), scale(j0, tau**3 / 6.0))))
-    v = add(v0, add(scale(a0, tau), scale(j0, tau**2 / 2.0)))
-    a = add(a0, scale(j0, tau))
-    p, v = subtract(p, agent_point), subtract(v, agent_velocity)
-    d = np.sqrt(dot(p, p))
-    if d < _SURFACE_TOUCHING:
-        p, d = scale(n, _SURFACE_TOUCHING), _SURFACE_TOUCHING
-
-    u1, u2, u3, u4 = d * d, dot(p, v), dot(v, v), dot(p, a)
-    lambda1, lambda2 = index.lambda1, index.lambda2
-    S = index.d_min**2 * d - d**3 - lambda1 * u2 + lambda2 * (u2**2 / u1 - u3 - u4)
-    # (lambda1 D'U2 + lambda2 D'U3 + lambda2 D'U4) has p in the velocity slot twice and in the acceleration slot once
-    c = add(scale(p, tau * lambda2), scale(add(scale(p, lambda1), scale(v, lambda2)), tau**2 / 2.0))
-    for j in range(frames.shape[0]):
-        if j > segment["link"]:
-            row[j] = 0.0
-        else:
-            column = cross(frames[j]["axis"], subtract(point, frames[j]["origin"]))
-            row[j] = 2.0 * dot(c, column)
-    return S, d
-
-
-@jit
-def measure_present(links, capsules, state, agents, frames, segments, pairs):
-    """The robot and its distances to the agents at the present time: what :func:`printed_rows` reads.
-
-    Returns:
-        Row and column of the closest pair, and its distance [m] (NaN if any is NaN).
-    """
-    forward(links, state, frames)
-    place(frames, capsules, segments)
-    measure_agents(segments, agents, pairs)
-    return nearest(pairs, agents.shape[0])
-
-
-@jit
-def printed_rows(frames, segments, agents, pairs, lower, upper, tau, index, only, authority, L, S, owner):
-    """Rows as printed, Eq. (13), divided by d so that they are in m² like the exact ones.
-
-    Arguments as of :func:`exact_rows`, at the present time (:func:`measure_present`). Nothing is pruned but the
-    pairs without authority.
-
-    Returns:
-        The number of rows.
-    """
-    used, columns = 0, agents.shape[0]
-    for i in range(segments.shape[0]):
-        for j in range(columns):
-            if only >= 0 and i * columns + j != only:
-                continue
-            row = L[used]
-            pair = pairs[i, j]
-            right, d = printed_row(frames, segments[i], agents[j], pair["s"], pair["r"], tau, index, row)
-            span = 0.0
-            for k in range(row.shape[0]):
-                row[k] /= d
-                span += abs(row[k]) * (upper[k] - lower[k]) / 2.0
-            if span < authority:
-                continue
-            S[used] = right / d
             owner[used] = i * columns + j
             used += 1
     return used

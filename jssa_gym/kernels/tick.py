@@ -35,9 +35,14 @@ def tick(
     dt,
     bounds,
     tolerance,
-    agents,
+    start,
+    end,
+    start_velocity,
+    end_velocity,
+    radius,
     parameters,
     after,
+    agents,
     frames,
     segments,
     pairs,
@@ -45,44 +50,44 @@ def tick(
     parts,
     tip,
 ):
-    """Move the arm by one step of Eq. (1) and look at it beside the agents, which have moved already.
+    """Move the arm by one step of Eq. (1) and look at it beside people, who have moved already.
 
-    Arguments as of :func:`~jssa_gym.kernels.motion.integrate`, :func:`~jssa_gym.kernels.contact.observe`,
-    :func:`~jssa_gym.kernels.chain.tool_motion` and :func:`~jssa_gym.kernels.motion.violates`.
+    Arguments as of :func:`~jssa_gym.kernels.motion.integrate`, :func:`load_agents`,
+    :func:`~jssa_gym.kernels.contact.observe`, :func:`~jssa_gym.kernels.chain.tool_motion` and
+    :func:`~jssa_gym.kernels.motion.violates`.
 
     Returns:
-        Row and column of the closest pair, speed of the tool centre point [m/s], whether a limit is exceeded.
+        Row and column of the closest pair, its distance [m], the largest speed of a touching point and the speed of
+        the tool centre point [m/s], whether a limit is exceeded.
     """
     integrate(before, jerk, dt, after)
+    load_agents(start, end, start_velocity, end_velocity, radius, agents)
     index = index_of(parameters)
     row, column = observe(links, capsules, after, agents, index, frames, segments, pairs, near, parts)
     speed = tool_motion(frames, tool_link, tool_offset, tip)
-    return row, column, speed, violates(after, jerk, bounds, tolerance)
+    return row, column, near[0], near[3], speed, violates(after, jerk, bounds, tolerance)
 
 
 @jit
-def fill_observation(state, middle, tip, mount, near, parts, goal, gain, low, high, out):
-    """Scaled and clipped observation, in the order of the feature table: arm, tip, people, goal."""
-    n, k = state.shape[1], 0
-    for i in range(n):
-        out[i] = state[0, i] - middle[i]
-        out[n + i] = state[1, i]
-        out[2 * n + i] = state[2, i]
-    k = 3 * n
-    for i in range(3):
-        out[k + i] = tip[0, i] - mount[i]
-        out[k + 3 + i] = near[4 + i]
-        out[k + 6 + i] = near[7 + i] - mount[i]
-        out[k + 9 + i] = near[10 + i]
-    k += 12
-    for i in range(parts.shape[0]):
-        out[k + i] = parts[i]
-    k += parts.shape[0]
-    for i in range(goal.shape[0]):
-        out[k + i] = goal[i]
+def fill_observation(state, tip, near, parts, goal, scaling, out):
+    """Observation in the order of the feature table: arm, tip, people, goal.
+
+    Each raw value becomes (value - shift) gain, clipped to low and high: the rows of ``scaling``, shape (4, size).
+    """
+    n = state.shape[1]
     for i in range(out.shape[0]):
+        if i < 3 * n:
+            raw = state[i // n, i % n]
+        elif i < 3 * n + 3:
+            raw = tip[0, i - 3 * n]
+        elif i < 3 * n + 12:
+            raw = near[4 + i - 3 * n - 3]
+        elif i < 3 * n + 12 + parts.shape[0]:
+            raw = parts[i - 3 * n - 12]
+        else:
+            raw = goal[i - 3 * n - 12 - parts.shape[0]]
         # min and max in float64, so that a bound is met exactly after rounding
-        out[i] = min(max(out[i] * gain[i], low[i]), high[i])
+        out[i] = min(max((raw - scaling[0, i]) * scaling[1, i], scaling[2, i]), scaling[3, i])
 
 
 @jit

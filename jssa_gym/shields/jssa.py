@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.contact import unsound
-from jssa_gym.kernels.index import measure_present, printed_rows
+from jssa_gym.kernels.printed import measure_present, printed_rows
 from jssa_gym.kernels.projection import violation
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.kernels.tick import look_ahead, rows_ahead
