@@ -6,6 +6,12 @@ from jssa_gym.kernels.jit import jit
 
 
 @jit
+def advance(q, v, a, u, t):
+    """Position, velocity and acceleration of one joint after the time t [s] at jerk u [rad/s³], exact."""
+    return q + t * v + t**2 / 2.0 * a + t**3 / 6.0 * u, v + t * a + t**2 / 2.0 * u, a + t * u
+
+
+@jit
 def integrate(state, jerk, tau, out):
     r"""One step of the triple integrator, Eq. (1), exact for jerk held over the step.
 
@@ -16,10 +22,7 @@ def integrate(state, jerk, tau, out):
         out: The state one step later, shape (3, n); may be ``state`` itself.
     """
     for i in range(jerk.shape[0]):
-        q, v, a, u = state[0, i], state[1, i], state[2, i], jerk[i]
-        out[0, i] = q + tau * v + tau**2 / 2.0 * a + tau**3 / 6.0 * u
-        out[1, i] = v + tau * a + tau**2 / 2.0 * u
-        out[2, i] = a + tau * u
+        out[0, i], out[1, i], out[2, i] = advance(state[0, i], state[1, i], state[2, i], jerk[i], tau)
 
 
 @jit

@@ -81,6 +81,18 @@ PAIR = np.dtype(
 )
 """A robot capsule against an agent."""
 
+STOP = np.dtype(
+    [
+        ("ramp", np.int64),  # ticks at jerk_in
+        ("hold", np.int64),  # ticks at zero jerk
+        ("release", np.int64),  # ticks at jerk_out; at rest after them
+        ("jerk_in", np.float64),
+        ("jerk_out", np.float64),
+    ],
+    align=True,
+)
+"""One joint's stop on the time grid."""
+
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Zeroed records of one of the types above."""

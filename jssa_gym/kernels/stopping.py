@@ -1,0 +1,222 @@
+"""Stops of a joint on the time grid: constant jerk for whole ticks, then rest.
+
+A stop has three parts: ``jerk_in`` for ``ramp`` ticks takes the acceleration to its braking value, zero jerk
+holds it for ``hold`` ticks, ``jerk_out`` for ``release`` ticks takes it back to zero, where the speed vanishes too.
+Because it lies on the grid, a stop cut off at any tick is still a stop: what remains of a verified one is verified.
+"""
+
+import numpy as np
+
+from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.motion import advance
+
+ROUNDING = 1e-12
+"""What is lost to rounding when a state comes to lie on the grid, as a share (of a limit, or of a tick)."""
+REST = 1e-9
+"""A stop that leaves more speed [rad/s] or acceleration [rad/s²] than this is none."""
+LONGEST = 1e9
+"""No stop takes more ticks than this (92 days): an integer always holds their number."""
+
+
+@jit
+def _hold(x, a, ramp, release, step, A):
+    """Fewest ticks to hold between a given ramp and release, negative if no number of them keeps the limits.
+
+    Speed ``x`` is per tick, ``step`` the largest change of acceleration in one tick, all in [rad/s²]; the braking
+    acceleration is ``-area / (ramp / 2 + hold + release / 2)``.
+    """
+    area = x + a * ramp / 2.0
+    sign = -1.0 if area < 0.0 else 1.0
+    most = min(A, step * release, step * ramp - sign * a)
+    middle = (ramp + release) / 2.0
+    hold = 0.0
+    if sign * area > most * middle:
+        if not (most > 0.0):
+            return -1.0
+        hold = np.ceil(sign * area / most - middle - ROUNDING)
+    # an acceleration that already brakes harder must not be let go of faster than the jerk allows
+    return hold if abs(area / (middle + hold) + a) <= step * ramp * (1.0 + ROUNDING) else -1.0
+
+
+@jit
+def stop_joint(v, a, J, A, tau):
+    r"""Stop of one joint on the time grid, at most three ticks longer than the shortest stop in continuous time.
+
+    The shortest stop is known in closed form: full jerk up to the acceleration :math:`p`, which is
+    :math:`\sqrt{Jv + a^2/2}` or the limit :math:`A`, for :math:`|a + p|/J`; then back for :math:`p/J`. Its parts
+    are rounded up to :math:`n_1` and :math:`n_3` ticks, with as many ticks :math:`n_2` between as the limits ask for,
+
+    .. math:: \alpha = \frac{v + a n_1 \tau / 2}{\tau (n_1/2 + n_2 + n_3/2)}, \quad
+        j_1 = -\frac{\alpha + a}{n_1 \tau}, \quad j_3 = \frac{\alpha}{n_3 \tau}.
+
+    Args:
+        v: Velocity [rad/s].
+        a: Acceleration [rad/s²]; beyond A the stop is as good, and its acceleration never grows.
+        J: Jerk limit [rad/s³].
+        A: Acceleration limit [rad/s²].
+        tau: Tick [s].
+
+    Returns:
+        Ticks of ramp, hold and release; jerks of ramp and release [rad/s³]. If there is no stop (a limit that is
+        not positive, a number that is not finite): no ticks, and jerks NaN, which keep no limit.
+    """
+    if v == 0.0 and a == 0.0:
+        return 0, 0, 0, 0.0, 0.0
+    step = J * tau
+    if not (step > 0.0 and A > 0.0 and tau > 0.0 and np.isfinite(v) and np.isfinite(a) and np.isfinite(step)):
+        return 0, 0, 0, np.nan, np.nan
+    sign = -1.0 if v + a * abs(a) / (2.0 * J) < 0.0 else 1.0
+    x, a = sign * v / tau, sign * a
+    peak = min(np.sqrt(max(step * x + a * a / 2.0, 0.0)), A)
+    # rounding must not cost a tick where the parts are whole numbers of them; whether it does harm, _hold sees
+    ramp = max(np.ceil(abs(a + peak) / step - 1e-6), 1.0)
+    release = max(np.ceil(peak / step - 1e-6), 1.0)
+    hold = _hold(x, a, ramp, release, step, A)
+    if hold < 0.0:
+        # The joint is about to release a braking acceleration and has a little more speed than that takes away:
+        # do it in one slow ramp. A ramp of |a| / step + 1 ticks always will do, at most two more than the first.
+        ramp, release = ramp + release - 1.0, 1.0
+        for _ in range(4):
+            hold = _hold(x, a, ramp, release, step, A)
+            if hold >= 0.0:
+                break
+            ramp += 1.0
+    if not (hold >= 0.0 and ramp + hold + release <= LONGEST):
+        return 0, 0, 0, np.nan, np.nan
+    alpha = (x + a * ramp / 2.0) / (ramp / 2.0 + hold + release / 2.0)
+    jerk_in, jerk_out = -sign * (alpha + a) / (ramp * tau), sign * alpha / (release * tau)
+    return int(ramp), int(hold), int(release), jerk_in, jerk_out
+
+
+@jit
+def plan_stop(state, bounds, tau, plan):
+    """Stops of all joints.
+
+    Args:
+        state: Rows position, velocity, acceleration, shape (3, n) [rad, rad/s, rad/s²].
+        bounds: Rows lower and upper position, velocity, acceleration and jerk limits, shape (5, n).
+        tau: Tick [s].
+        plan: Result, shape (n,) of ``STOP``.
+
+    Returns:
+        Number of ticks until the last joint rests.
+    """
+    ticks = 0
+    for i in range(plan.shape[0]):
+        ramp, hold, release, jerk_in, jerk_out = stop_joint(state[1, i], state[2, i], bounds[4, i], bounds[3, i], tau)
+        stop = plan[i]
+        stop["ramp"], stop["hold"], stop["release"] = ramp, hold, release
+        stop["jerk_in"], stop["jerk_out"] = jerk_in, jerk_out
+        ticks = max(ticks, ramp + hold + release)
+    return ticks
+
+
+@jit
+def stop_jerk(plan, tick, out):
+    """The jerks of tick number ``tick`` (0 first) of a plan, shape (n,) [rad/s³]; zero after its end."""
+    for i in range(plan.shape[0]):
+        stop = plan[i]
+        left = tick - stop["ramp"]
+        if left < 0:
+            out[i] = stop["jerk_in"]
+        elif stop["hold"] <= left < stop["hold"] + stop["release"]:
+            out[i] = stop["jerk_out"]
+        else:
+            out[i] = 0.0
+
+
+@jit
+def stop_at(q, v, a, stop, tau, t):
+    """Position, velocity and acceleration of one joint the time t [s] after it began its stop; rest after the end."""
+    ramp, hold, release = stop["ramp"] * tau, stop["hold"] * tau, stop["release"] * tau
+    over = t >= (stop["ramp"] + stop["hold"] + stop["release"]) * tau
+    t = ramp + hold + release if over else max(t, 0.0)
+    q, v, a = advance(q, v, a, stop["jerk_in"], min(t, ramp))
+    if t > ramp:
+        q, v, a = advance(q, v, a, 0.0, min(t - ramp, hold))
+    if t > ramp + hold:
+        q, v, a = advance(q, v, a, stop["jerk_out"], t - ramp - hold)
+    return (q, 0.0, 0.0) if over else (q, v, a)
+
+
+@jit
+def peak_speed(v, a, stop, tau, t):
+    """Largest speed [rad/s] of one joint from the time t [s] of its stop on; NaN reads as infinite.
+
+    After the ramp the speed only falls, so that it is largest at t, at the end of the ramp or where the ramp's
+    acceleration passes zero.
+    """
+    if t >= (stop["ramp"] + stop["hold"] + stop["release"]) * tau:
+        return 0.0
+    peak = abs(stop_at(0.0, v, a, stop, tau, t)[1])
+    end = stop["ramp"] * tau
+    if t < end:
+        peak = max(peak, abs(advance(0.0, v, a, stop["jerk_in"], end)[1]))
+        if stop["jerk_in"] != 0.0 and t < -a / stop["jerk_in"] < end:
+            peak = max(peak, abs(v - a * a / (2.0 * stop["jerk_in"])))
+    return peak if peak >= 0.0 else np.inf
+
+
+@jit
+def _stays(q, v, a, u, t, low, high, V, A, J):
+    """Whether one joint keeps its limits for the time t at jerk u: ends, speed's turning point, turning points."""
+    end_q, end_v, end_a = advance(q, v, a, u, t)
+    if not (abs(u) <= J and abs(a) <= A and abs(end_a) <= A and abs(v) <= V and abs(end_v) <= V):
+        return False
+    if not (low <= q <= high and low <= end_q <= high):
+        return False
+    turn = v
+    if a * end_a < 0.0:
+        turn = v - a * a / (2.0 * u)
+        if not (abs(turn) <= V):
+            return False
+    if v * turn < 0.0 or turn * end_v < 0.0:
+        # roots of v + a t + u t^2 / 2, in the form that neither cancels nor needs u != 0
+        root = a + np.copysign(np.sqrt(max(a * a - 2.0 * u * v, 0.0)), a)
+        late = -2.0 * v / root
+        if 0.0 < late < t and not (low <= advance(q, v, a, u, late)[0] <= high):
+            return False
+        if u != 0.0 and 0.0 < -root / u < t and not (low <= advance(q, v, a, u, -root / u)[0] <= high):
+            return False
+    return True
+
+
+@jit
+def step_keeps(q, v, a, u, low, high, V, A, J, tau, tolerance):
+    """Whether one joint keeps its limits during one tick at jerk u, not only at its ends; NaN does not.
+
+    Limits may be exceeded by a share ``tolerance`` of each (of the range for positions), as in ``motion.violates``.
+    """
+    slack, more = tolerance * (high - low), 1.0 + tolerance
+    return _stays(q, v, a, u, tau, low - slack, high + slack, V * more, A * more, J * more)
+
+
+@jit
+def parts_keep(q, v, a, ramp, hold, release, jerk_in, jerk_out, low, high, V, A, J, tau, tolerance):
+    """``stop_keeps`` of a stop whose parts are given one by one, as ``stop_joint`` returns them."""
+    slack, more = tolerance * (high - low), 1.0 + tolerance
+    low, high, V, A, J = low - slack, high + slack, V * more, A * more, J * more
+    if not _stays(q, v, a, jerk_in, ramp * tau, low, high, V, A, J):
+        return False
+    q, v, a = advance(q, v, a, jerk_in, ramp * tau)
+    if not _stays(q, v, a, 0.0, hold * tau, low, high, V, A, J):
+        return False
+    q, v, a = advance(q, v, a, 0.0, hold * tau)
+    if not _stays(q, v, a, jerk_out, release * tau, low, high, V, A, J):
+        return False
+    _, v, a = advance(q, v, a, jerk_out, release * tau)
+    return abs(v) <= REST and abs(a) <= REST
+
+
+@jit
+def stop_keeps(q, v, a, stop, low, high, V, A, J, tau, tolerance):
+    """Whether one joint keeps its limits all the way through its stop and is at rest after it; NaN does not.
+
+    The parts are cubics whose extremes are computed, not sampled. Limits may be exceeded by a share ``tolerance``
+    of each (of the range for positions), as in ``motion.violates``.
+    """
+    return parts_keep(
+        q, v, a,
+        stop["ramp"], stop["hold"], stop["release"], stop["jerk_in"], stop["jerk_out"],
+        low, high, V, A, J, tau, tolerance,
+    )  # fmt: skip
