@@ -287,12 +287,36 @@ def _exact_row(frames, segment, s, gradient, tau, row):
 
 
 @jit
-def exact_rows(frames, segments, agents, planes, pairs, jerk, lower, upper, tau, index, only, authority, L, S, owner):
+def exact_rows(
+    frames,
+    segments,
+    agents,
+    planes,
+    pairs,
+    jerk,
+    lower,
+    upper,
+    tau,
+    index,
+    only,
+    bound,
+    authority,
+    recovery,
+    now,
+    L,
+    S,
+    owner,
+    target,
+):
     r"""Rows :math:`L u \ge S` of the pairs that some jerk of the box could violate.
 
-    Exact pruning: a pair whose linearised index stays :math:`\le 0` on the whole box makes no row. Pairs whose
-    normal jerk authority :math:`\sum_j |L_j| (h_j - l_j)/2` is below ``authority`` make none either: no jerk
-    changes them noticeably, and as rows they would only make the problem infeasible.
+    A row asks for :math:`\phi_{k+1} \le \max(0, \phi_k - \varrho\, s)`, where :math:`s = \sum_j |L_j| U_j` is how
+    much the jerk bounds :math:`U` can change the index in one step, its authority: an index that a step cannot bring
+    back to 0 has to fall at a share of the rate at which it can. With :math:`\varrho = 0` it asks for 0 at once.
+
+    Exact pruning: a pair whose linearised index stays within that on the whole box makes no row. Pairs with less
+    than ``authority`` make none either: no jerk changes them noticeably, and as rows they would only make the
+    problem infeasible.
 
     Args:
         frames, segments, agents, planes, pairs: From :func:`assess` at ``jerk``.
@@ -301,10 +325,14 @@ def exact_rows(frames, segments, agents, planes, pairs, jerk, lower, upper, tau,
         tau: Step [s].
         index: Parameters.
         only: Row-major number ``i * columns + j`` of the only pair to look at, or -1 for all.
+        bound: Jerk limits :math:`U`, shape (n,) [rad/s³].
         authority: Smallest authority [m²].
+        recovery: :math:`\varrho`, from 0 to 1.
+        now: Index of every pair at the beginning of the step, shape (m, k + p) of ``PAIR``; read if ``recovery`` > 0.
         L: Result, shape (rows, n) [m²/(rad/s³)].
         S: Result, shape (rows,) [m²].
         owner: Result, the pair of each row, shape (rows,).
+        target: Result, what each row asks the index to be at most, shape (rows,) [m²].
 
     Returns:
         The number of rows.
@@ -330,10 +358,12 @@ def exact_rows(frames, segments, agents, planes, pairs, jerk, lower, upper, tau,
             for k in range(row.shape[0]):
                 at_jerk += row[k] * jerk[k]
                 reach += max(-row[k] * (lower[k] - jerk[k]), -row[k] * (upper[k] - jerk[k]))
-                span += abs(row[k]) * (upper[k] - lower[k]) / 2.0
-            if reach <= 0.0 or span < authority:
+                span += abs(row[k]) * bound[k]
+            least = max(0.0, now[i, j]["phi"] - recovery * span) if recovery > 0.0 else 0.0
+            if reach <= least or span < authority:
                 continue
-            S[used] = phi + at_jerk
+            S[used] = phi - least + at_jerk
+            target[used] = least
             owner[used] = i * columns + j
             used += 1
     return used

@@ -9,6 +9,7 @@ from jssa_gym.kernels.index import advance, assess, exact_rows, index_of
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import integrate, violates
 from jssa_gym.kernels.projection import clip, violation
+from jssa_gym.kernels.viability import jerk_box
 
 
 @jit
@@ -102,17 +103,23 @@ def take_in(
     radius,
     valid,
     nominal,
-    lower,
-    upper,
+    bounds,
+    dt,
+    viability,
     state,
     agents,
+    lower,
+    upper,
     clipped,
 ):
-    """Read a scene into ``state`` (3, n) and ``agents``, check all of it and clip the nominal to the box.
+    """Read a scene into ``state`` (3, n) and ``agents``, check all of it, and clip the nominal to the box.
+
+    The box, into ``lower`` and ``upper``, is the jerk bounds of ``bounds`` (5, n), or with ``viability`` what
+    :func:`~jssa_gym.kernels.viability.jerk_box` leaves of them.
 
     Returns:
-        A fault code (0 none, 1 nominal, 2 joint state, 3 agents not finite, 4 an agent not measured), and whether
-        the nominal lies in the box.
+        A fault code (0 none, 1 nominal, 2 joint state, 3 agents not finite, 4 an agent not measured), whether the
+        nominal lies in the box, and whether the box has room for a choice.
     """
     for k in range(nominal.shape[0]):
         state[0, k], state[1, k], state[2, k] = position[k], velocity[k], acceleration[k]
@@ -121,7 +128,10 @@ def take_in(
     for j in range(valid.shape[0]):
         if fault == 0 and not valid[j]:
             fault = 4
-    return fault, clip(nominal, lower, upper, clipped)
+    room = True
+    if viability and fault == 0:
+        room = jerk_box(state, bounds, dt, lower, upper)
+    return fault, clip(nominal, lower, upper, clipped), room
 
 
 @jit
@@ -141,13 +151,14 @@ def look_ahead(
     segments,
     pairs,
     owner,
+    target,
     rows,
 ):
     """:func:`~jssa_gym.kernels.index.assess`, moving the agents to the end of the step first if asked to.
 
     Returns:
-        The largest index [m²]; the largest of the pairs ``owner[:rows]`` [m²]; row, column and distance of the
-        closest pair among the first ``humans`` agents.
+        The largest index [m²]; by how much the pairs ``owner[:rows]`` exceed their ``target`` [m²]; row, column and
+        distance of the closest pair among the first ``humans`` agents.
     """
     if move:
         advance(agents, dt)
@@ -156,16 +167,43 @@ def look_ahead(
     kept = -np.inf
     for k in range(rows):
         i, j = owner[k] // pairs.shape[1], owner[k] % pairs.shape[1]
-        phi = pairs[i, j]["phi"]
-        if not (phi <= kept):
-            kept = phi
+        excess = pairs[i, j]["phi"] - target[k]
+        if not (excess <= kept):
+            kept = excess
     row, column, distance = nearest(pairs, humans)
     return worst, kept, row, column, distance
 
 
 @jit
+def look_back(links, capsules, state, agents, planes, dt, parameters, after, frames, segments, pairs):
+    """Index of every pair at the beginning of the step, from ``agents`` at its end; into ``pairs``."""
+    advance(agents, -dt)
+    index = index_of(parameters)
+    assess(links, capsules, state, state[0], agents, planes, 0.0, index, after, frames, segments, pairs)
+    advance(agents, dt)
+
+
+@jit
 def rows_ahead(
-    frames, segments, agents, planes, pairs, jerk, lower, upper, dt, parameters, only, authority, L, S, owner
+    frames,
+    segments,
+    agents,
+    planes,
+    pairs,
+    jerk,
+    lower,
+    upper,
+    dt,
+    parameters,
+    only,
+    bound,
+    authority,
+    recovery,
+    now,
+    L,
+    S,
+    owner,
+    target,
 ):
     """:func:`~jssa_gym.kernels.index.exact_rows` after :func:`look_ahead` at the same jerk.
 
@@ -174,7 +212,25 @@ def rows_ahead(
     """
     index = index_of(parameters)
     count = exact_rows(
-        frames, segments, agents, planes, pairs, jerk, lower, upper, dt, index, only, authority, L, S, owner
+        frames,
+        segments,
+        agents,
+        planes,
+        pairs,
+        jerk,
+        lower,
+        upper,
+        dt,
+        index,
+        only,
+        bound,
+        authority,
+        recovery,
+        now,
+        L,
+        S,
+        owner,
+        target,
     )
     return count, violation(L, S, count, jerk)
 

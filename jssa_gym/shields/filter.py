@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.motion import brake, integrate
@@ -13,8 +14,11 @@ from jssa_gym.kernels.records import AGENT, records
 from jssa_gym.kernels.tick import take_in, unfit
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
+from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.safety.monitor import Watch
 from jssa_gym.safety.proximity import records_for
-from jssa_gym.types import Array, Decision, JointState, Scene, Status
+from jssa_gym.shields.failsafe import Verdict, VerifiedStop
+from jssa_gym.types import Array, CapsuleSet, Decision, JointState, Scene, Status
 from jssa_gym.validation import positive_number
 
 _FAULTS = (
@@ -45,20 +49,35 @@ class SafetyFilter(ABC):
     A subclass implements :meth:`_filter` and may rely on finite, complete inputs: :meth:`decide` answers everything
     else itself, with the fallback and :attr:`Status.FAULT`. The nominal is never returned because something failed.
 
+    Around every filter, if asked for, lie a **viability box** (jerk bounds that keep the joint limits recoverable; else
+    the box is the jerk bounds) and a **verified stop** (:class:`~jssa_gym.shields.failsafe.VerifiedStop`).
+
     Args:
         robot: The arm, where it stands.
         dt: Control step [s].
+        viability: Whether the jerk is kept in bounds that keep position, velocity and acceleration limits recoverable.
+        failsafe: Assumptions of the verified stop; None for no verified stop.
 
     Raises:
-        ParameterError: ``dt`` is not a positive number.
+        ParameterError: ``dt`` is not a positive number, ``viability`` no bool or ``failsafe`` no FailsafeParams.
     """
 
-    def __init__(self, robot: RobotModel, dt: float) -> None:
+    def __init__(
+        self, robot: RobotModel, dt: float, *, viability: bool = False, failsafe: FailsafeParams | None = None
+    ) -> None:
         announce_compilation()
         self.robot = robot
         self.dt = positive_number("dt", dt)
-        self.lower = np.array(-robot.limits.jerk)
-        self.upper = np.array(robot.limits.jerk)
+        if not isinstance(viability, bool):
+            raise ParameterError(f"viability has to be True or False, got {viability!r}")
+        if failsafe is not None and not isinstance(failsafe, FailsafeParams):
+            raise ParameterError(f"failsafe has to be None or FailsafeParams, got {failsafe!r}")
+        limits = robot.limits
+        self.viability, self.failsafe = viability, failsafe
+        self.lower = np.array(-limits.jerk)
+        self.upper = np.array(limits.jerk)
+        self._bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+        self._guard = None if failsafe is None else VerifiedStop(robot, self.dt, failsafe)
         self._state = np.zeros((3, robot.n))
         self._incoming = np.zeros((3, robot.n))
         self._applied = np.zeros(robot.n)
@@ -74,13 +93,15 @@ class SafetyFilter(ABC):
             self._state[:] = np.nan_to_num(self._incoming)
         except Exception:  # decide() will say what is wrong
             self._state[:] = 0.0
+        if self._guard is not None:
+            self._guard.reset(self._state)
 
     def decide(self, scene: Scene | None, nominal: Array) -> Decision:
         """The jerk to apply in this step.
 
         Never raises for bad numbers: a non-finite nominal or measurement, a missing one, a scene that does not fit
-        or is None, and a filter that fails or answers outside the box end in :meth:`fallback` and
-        :attr:`Status.FAULT`, with the reason in the decision.
+        or is None, and a filter that fails or answers outside the box end in :attr:`Status.FAULT` with the reason in
+        the decision: the stored stop goes on or, without a verified stop, the arm brakes.
 
         Args:
             scene: The present.
@@ -90,6 +111,7 @@ class SafetyFilter(ABC):
             InvalidActionError: ``nominal`` has another shape or is not made of real numbers.
         """
         nominal = checked_action(nominal, self.robot.n)
+        guard, watch = self._guard, None
         try:
             # kernels do not look at shapes: everything is compared before they see it
             if scene is None:
@@ -97,10 +119,15 @@ class SafetyFilter(ABC):
             arm, human, valid, shape = scene.robot, scene.human, scene.valid, nominal.shape
             if arm.position.shape != shape or arm.velocity.shape != shape or arm.acceleration.shape != shape:
                 raise ValueError(f"the joint state does not have shape {shape}")
+            if guard is not None:
+                watch = guard.watch(scene)
+                if watch.fault:
+                    return self._blind(scene, nominal, watch.reason)
+                human, valid = _at_present(watch), np.ones(len(watch.age), np.bool_)
             self._agents = agents = records_for(human, self._agents)
             if valid.shape != human.radius.shape or valid.dtype != np.bool_:
                 raise ValueError(f"valid has shape {valid.shape} for {len(agents)} capsules")
-            fault, inside = take_in(
+            fault, inside, room = take_in(
                 arm.position,
                 arm.velocity,
                 arm.acceleration,
@@ -111,19 +138,29 @@ class SafetyFilter(ABC):
                 human.radius,
                 valid,
                 nominal,
-                self.lower,
-                self.upper,
+                self._bounds,
+                self.dt,
+                self.viability,
                 self._incoming,
                 agents,
+                self.lower,
+                self.upper,
                 self._clipped,
             )
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
-            return self._unfit_scene(scene, nominal, error)
+            return self._blind(scene, nominal, f"the scene does not fit: {error}")
         if fault:
-            return self._fault(nominal, _FAULTS[fault], readable=fault != 2)
+            return self._fault(scene, nominal, _FAULTS[fault], readable=fault != 2)
         self._state, self._incoming = self._incoming, self._state
+        if guard is not None:
+            astray = guard.follow(self._state, scene.time)
+            if astray:
+                return self._brake(nominal, astray)
         try:
-            decision = self._filter(scene, self._state, agents, nominal, inside)
+            if room:
+                decision = self._filter(scene, self._state, agents, nominal, inside)
+            else:
+                decision = self._cornered(nominal)
             jerk = decision.jerk
             if jerk.shape != nominal.shape or jerk.dtype != np.float64:
                 raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
@@ -133,20 +170,46 @@ class SafetyFilter(ABC):
             return self._brake(nominal, f"the filter failed: {type(error).__name__}: {error}")
         if wrong:
             return self._brake(nominal, _UNFIT[wrong])
-        self._applied[:] = jerk
+        if guard is not None and watch is not None and decision.status != Status.FAULT:
+            try:
+                verdict = guard.confirm(scene, self._state, jerk, watch)
+            except Exception as error:  # whatever static agents a scene has, the arm must go on safely
+                return self._brake(nominal, f"the scene does not fit: {error}")
+            if not verdict.proposed:
+                decision = self._overruled(decision, verdict)
+        self._applied[:] = decision.jerk
         return decision
 
-    def _unfit_scene(self, scene: Scene | None, nominal: Array, error: Exception) -> Decision:
+    def _overruled(self, decision: Decision, verdict: Verdict) -> Decision:
+        """The verified stop has decided."""
+        status, reason = Status.FAILSAFE, verdict.reason
+        if not verdict.verified:
+            status, reason = Status.FAULT, f"no verified stop: {reason}"
+        decision = decision._replace(jerk=verdict.jerk, status=status, reason=reason, slack=np.nan)
+        if np.isnan(decision.phi):
+            return decision
+        phi, distance, pair = self._foresee(verdict.jerk)
+        return decision._replace(phi=phi, distance=distance, pair=pair)
+
+    def _cornered(self, nominal: Array) -> Decision:
+        """No jerk keeps all joint limits recoverable: the box is the braking jerk alone."""
+        reason = "no jerk keeps the joint limits"
+        return Decision(self._clipped.copy(), nominal, Status.RELAXED, reason, np.nan, np.nan, (-1, -1), 0.0, 0)
+
+    def _foresee(self, jerk: Array) -> tuple[float, float, tuple[int, int]]:
+        """Index, smallest distance and its pair at the end of the step under ``jerk``; NaN where not computed."""
+        return np.nan, np.nan, (-1, -1)
+
+    def _blind(self, scene: Scene | None, nominal: Array, reason: str) -> Decision:
         """Brake without people to look at, from the joint state if at least that can be read."""
         try:
             if scene is None:
                 raise ValueError("there is no scene")
             self._read_state(scene.robot)
         except Exception as worse:
-            return self._fault(nominal, f"the joint state cannot be read: {worse}", readable=False)
+            return self._fault(scene, nominal, f"the joint state cannot be read: {worse}", readable=False)
         fault = unsound(self._incoming, nominal, self._none)
-        reason = _FAULTS[fault] if fault else f"the scene does not fit: {error}"
-        return self._fault(nominal, reason, readable=fault != 2)
+        return self._fault(scene, nominal, _FAULTS[fault] if fault else reason, readable=fault != 2)
 
     def _read_state(self, robot: JointState) -> None:
         shape = (self.robot.n,)
@@ -165,24 +228,38 @@ class SafetyFilter(ABC):
 
     def fallback(self, state: Array) -> Array:
         """The jerk when nothing else is known to be good: brakes as fast as the jerk bounds allow, shape (n,)."""
-        jerk = np.empty(self.robot.n)
-        brake(state, self.lower, self.upper, self.dt, jerk)
+        jerk, bound = np.empty(self.robot.n), self._bounds[4]
+        brake(state, -bound, bound, self.dt, jerk)
         return jerk
 
-    def _fault(self, nominal: Array, reason: str, readable: bool = True) -> Decision:
+    def _fault(self, scene: Scene | None, nominal: Array, reason: str, readable: bool = True) -> Decision:
         """Brake on bad input: from the state just read or, unreadable, from where the last jerk must have led."""
-        if readable:
+        if readable and scene is not None:
             self._state, self._incoming = self._incoming, self._state
+            if self._guard is not None:
+                astray = self._guard.follow(self._state, scene.time)
+                reason = f"{reason}; {astray}" if astray else reason
         else:
             integrate(self._state, self._applied, self.dt, self._state)
-        return self._brake(nominal, reason)
+        return self._brake(nominal, reason, blind=not readable)
 
-    def _brake(self, nominal: Array, reason: str) -> Decision:
-        jerk = self.fallback(self._state)
+    def _brake(self, nominal: Array, reason: str, blind: bool = False) -> Decision:
+        jerk = self.fallback(self._state) if self._guard is None else self._guard.stop(blind)
         # a state beyond all bounds can overflow; then at least nothing is added
         jerk = np.where(np.isfinite(jerk), jerk, 0.0)
         self._applied[:] = jerk
         return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
+
+
+def _at_present(watch: Watch) -> CapsuleSet:
+    """People moved on at their measured velocities from when they were measured: what rows are about."""
+    human, age = watch.human, watch.age
+    if not age.any():
+        return human
+    late = age[:, None]
+    return human._replace(
+        start=human.start + late * human.start_velocity, end=human.end + late * human.end_velocity
+    )
 
 
 class NoFilter(SafetyFilter):

@@ -10,8 +10,9 @@ from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.printed import measure_present, printed_rows
 from jssa_gym.kernels.projection import violation
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
-from jssa_gym.kernels.tick import look_ahead, rows_ahead
+from jssa_gym.kernels.tick import look_ahead, look_back, rows_ahead
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import PROJECTORS
 from jssa_gym.safety.proximity import agent_records, plane_records
@@ -45,6 +46,9 @@ class JSSAFilter(SafetyFilter):
         weight: V of Eq. (14): None for the identity, a diagonal (n,), or a full (n, n).
         static_rows: Whether table, floor and static capsules make rows too.
         min_authority: Rows of pairs that the jerks move by less than this normal jerk [m/s³] are left out.
+        recovery: Share of its authority by which an index above 0 has to fall in a step: 0.5 asks for
+            :math:`\phi_{k+1} \le \max(0, \phi_k - \eta\tau)` with half of the fastest possible rate; 0 for 0 at once.
+        viability, failsafe: See :class:`~jssa_gym.shields.filter.SafetyFilter`.
 
     Raises:
         ParameterError: An option is unknown or a number out of range; the message says what is valid.
@@ -62,8 +66,11 @@ class JSSAFilter(SafetyFilter):
         weight: ArrayLike | None = None,
         static_rows: bool = False,
         min_authority: float = 5.0,
+        recovery: float = 0.5,
+        viability: bool = False,
+        failsafe: FailsafeParams | None = None,
     ) -> None:
-        super().__init__(robot, dt)
+        super().__init__(robot, dt, viability=viability, failsafe=failsafe)
         known_name("rows", rows, ("all", "closest"))
         known_name("gradient", gradient, ("exact", "printed"))
         known_name("projector", projector, PROJECTORS)
@@ -76,24 +83,29 @@ class JSSAFilter(SafetyFilter):
                 "the printed row and the closest pair are for humans only: static_rows needs gradient='exact' "
                 "and rows='all'"
             )
+        if recovery != 0.0 and not positive_number("recovery", recovery) <= 1.0:
+            raise ParameterError(f"recovery has to be between 0 and 1, got {recovery!r}")
+        self.recovery = float(recovery)
         self.index = index or IndexParams()
         self.rows, self.gradient, self.static_rows = rows, gradient, static_rows
         self._projector = PROJECTORS[projector](robot.n, weight)
         self._index, self._parameters = self.index.kernel(), self.index.array()
         self._authority = min_authority * self.index.lambda2 * self.dt
-        self._after = np.zeros((3, robot.n))
-        self._frames = records(robot.n, FRAME)
-        self._segments = records(len(robot.capsules), SEGMENT)
+        # the arm at the end of the step, and at its beginning
+        self._after, self._before = np.zeros((3, robot.n)), np.zeros((3, robot.n))
+        self._frames, self._frames_now = records(robot.n, FRAME), records(robot.n, FRAME)
+        self._segments, self._segments_now = (records(len(robot.capsules), SEGMENT) for _ in range(2))
         self._static_agents, self._planes = records(0, AGENT), records(0, PLANE)
         self._all_agents = records(0, AGENT)
         self._resize(0)
 
     def _resize(self, columns: int) -> None:
         count = len(self._segments) * columns
-        self._pairs = records((len(self._segments), columns), PAIR)
+        self._pairs, self._pairs_now = (records((len(self._segments), columns), PAIR) for _ in range(2))
         self._L = np.zeros((max(count, 1), self.robot.n))
         self._S = np.zeros(max(count, 1))
         self._owner = np.zeros(max(count, 1), np.int64)
+        self._target = np.zeros(max(count, 1))
 
     def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         humans = len(agents)
@@ -139,7 +151,24 @@ class JSSAFilter(SafetyFilter):
             self._segments,
             self._pairs,
             self._owner,
+            self._target,
             rows,
+        )
+
+    def _look_back(self, state: Array, agents: NDArray) -> None:
+        """Index of every pair at the beginning of the step."""
+        look_back(
+            self.robot.links,
+            self.robot.capsules,
+            state,
+            agents,
+            self._planes,
+            self.dt,
+            self._parameters,
+            self._before,
+            self._frames_now,
+            self._segments_now,
+            self._pairs_now,
         )
 
     def _rows_at(self, agents: NDArray, jerk: Array, only: int) -> tuple[int, float]:
@@ -155,15 +184,27 @@ class JSSAFilter(SafetyFilter):
             self.dt,
             self._parameters,
             only,
+            self._bounds[4],
             self._authority,
+            self.recovery,
+            self._pairs_now,
             self._L,
             self._S,
             self._owner,
+            self._target,
         )
+
+    def _foresee(self, jerk: Array) -> tuple[float, float, tuple[int, int]]:
+        if self.gradient == "printed":
+            return super()._foresee(jerk)
+        # the agents are at the end of the step since the rows were made
+        worst, _, row, column, distance = self._ahead(self._state, self._seen, jerk, self._humans, False, 0)
+        return worst, distance, (row, column)
 
     def _exact(self, state: Array, agents: NDArray, humans: int, nominal: Array, inside: bool) -> Decision:
         """Exact rows; ``agents`` are moved to the end of the step."""
         jerk, feasible, left, rows, note = self._clipped, True, 0.0, 0, ""
+        self._seen, self._humans, recovering = agents, humans, False
         worst, _, row, column, distance = self._ahead(state, agents, jerk, humans, True, 0)
         if not worst < np.inf:
             return self._brake(nominal, "the safety index is not finite")
@@ -171,12 +212,14 @@ class JSSAFilter(SafetyFilter):
             only = -1
             if self.rows == "closest":
                 only = row * self._pairs.shape[1] + column
+            if self.recovery > 0.0:
+                self._look_back(state, agents)
             left = np.nan
             for attempt in range(_LINEARISATIONS + 1):
                 count, left = self._rows_at(agents, jerk, only)
                 if left <= (_TOLERANCE if attempt else 0.0) or attempt == _LINEARISATIONS:
                     break
-                rows = count
+                rows, recovering = count, bool(np.any(self._target[:count] > 0.0))
                 projection = self._projector.project(
                     nominal, HalfSpaces(self._L[:count], self._S[:count]), self.lower, self.upper
                 )
@@ -188,9 +231,11 @@ class JSSAFilter(SafetyFilter):
                     break
             if not (left < np.inf and worst < np.inf):
                 return self._brake(nominal, "the safety index is not finite")
-        return self._decision(
-            nominal, jerk, inside, feasible and left <= _TOLERANCE, left, rows, note, worst, distance, (row, column)
-        )
+        kept = feasible and left <= _TOLERANCE
+        decision = self._decision(nominal, jerk, inside, kept, left, rows, note, worst, distance, (row, column))
+        if recovering and decision.status == Status.PROJECTED:
+            return decision._replace(status=Status.RELAXED, reason="recovering" + (f"; {note}" if note else ""))
+        return decision
 
     def _printed(self, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         """Rows of Eq. (13) from the present, projected once; the index is their own S - L u."""

@@ -1,0 +1,90 @@
+"""What the verified stop assumes about people, sensors and drives; how far an arm's points can swing."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import RobotModel
+from jssa_gym.types import Array
+from jssa_gym.validation import positive_number
+
+LIMBS = ("arm", "hand")
+"""A body part whose name contains one of these is an upper limb."""
+
+
+@dataclass(frozen=True, slots=True)
+class FailsafeParams:
+    """Assumptions of the verified stop; its promise holds as far as they do.
+
+    Raises:
+        ParameterError: A number is negative or not finite, or a speed or ``max_age`` is not positive.
+    """
+
+    human_speed: float = 1.6
+    """No point of a person moves faster [m/s]; ISO 13855's walking speed."""
+    limb_speed: float = 2.0
+    """The same for upper limbs: parts named ``arm`` or ``hand`` [m/s]; ISO 13855."""
+    position_error: float = 0.0
+    """Largest error of a measured capsule end [m]."""
+    actuation_lag: float = 0.0
+    """Time from a command to the arm's motion [s]."""
+    tracking_error: float = 0.0
+    """Largest distance of a point of the arm from where the command puts it [m]."""
+    max_age: float = 0.2
+    """Measurements are grown by their age up to this; older ones are a fault [s]."""
+    contact_speed: float | Mapping[str, float] = 0.0
+    """Speed of the arm's touching point that a contact may have [m/s], for all body parts or by name; the parts not
+    named may be touched at rest only."""
+
+    def __post_init__(self) -> None:
+        for name in ("human_speed", "limb_speed", "max_age"):
+            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        for name in ("position_error", "actuation_lag", "tracking_error"):
+            object.__setattr__(self, name, _not_negative(name, getattr(self, name)))
+        speeds = self.contact_speed
+        if isinstance(speeds, Mapping):
+            checked = {str(part): _not_negative(f"contact_speed[{part!r}]", speed) for part, speed in speeds.items()}
+            object.__setattr__(self, "contact_speed", checked)
+        else:
+            object.__setattr__(self, "contact_speed", _not_negative("contact_speed", speeds))
+
+    def speed_of(self, part: str) -> float:
+        """Speed bound of a body part [m/s]."""
+        return self.limb_speed if any(limb in part for limb in LIMBS) else self.human_speed
+
+    def contact_speed_of(self, part: str) -> float:
+        """Allowed speed of the arm when it touches a body part [m/s]."""
+        speeds = self.contact_speed
+        return float(speeds.get(part, 0.0)) if isinstance(speeds, Mapping) else speeds
+
+
+def _not_negative(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real) or not (math.isfinite(value) and value >= 0.0):
+        raise ParameterError(f"{name} has to be a number of at least 0, got {value!r}")
+    return float(value)
+
+
+def levers(robot: RobotModel) -> Array:
+    """How far from each joint's axis the axis of each capsule can be, over all postures: shape (m, n) [m].
+
+    A joint turning by an angle moves no point of the capsule's axis by more than lever times angle; 0 where the
+    joint does not move the capsule.
+    """
+    out = np.zeros((len(robot.capsules), robot.n))
+    for i, capsule in enumerate(robot.capsules):
+        link = int(capsule["link"])
+        for end in (capsule["start"], capsule["end"]):
+            # largest distance of the end from the origin of the joint after the one looked at
+            beyond = 0.0
+            for j in range(link, -1, -1):
+                axis = robot.links[j]["axis"]
+                arm = end if j == link else robot.links[j + 1]["offset"]
+                across = np.linalg.norm(arm - arm.dot(axis) * axis)
+                out[i, j] = max(out[i, j], across + beyond)
+                beyond += np.linalg.norm(arm)
+    return out
