@@ -14,7 +14,9 @@ from jssa_gym.exceptions import JSSAGymError
 
 if TYPE_CHECKING:
     from jssa_gym.envs.arm import ArmEnv
+    from jssa_gym.envs.faults import FAULTS, SensorFaults
     from jssa_gym.envs.repeat import ActionRepeat
+    from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.humans import HUMANS, HumanMotion
     from jssa_gym.policies import HoldPolicy, RandomPolicy
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
@@ -29,6 +31,7 @@ _HOMES = {
     "ArmEnv": "jssa_gym.envs.arm",
     "CapsuleSet": "jssa_gym.types",
     "Decision": "jssa_gym.types",
+    "FAULTS": "jssa_gym.envs.faults",
     "FILTERS": "jssa_gym.shields",
     "HUMANS": "jssa_gym.humans",
     "HoldPolicy": "jssa_gym.policies",
@@ -42,12 +45,15 @@ _HOMES = {
     "RobotModel": "jssa_gym.robots",
     "SafetyFilter": "jssa_gym.shields",
     "Scene": "jssa_gym.types",
+    "SensorFaults": "jssa_gym.envs.faults",
+    "SensorModel": "jssa_gym.envs.sensor",
     "Shield": "jssa_gym.shields",
     "Status": "jssa_gym.types",
     "make_filter": "jssa_gym.shields",
 }
 
 __all__ = [
+    "FAULTS",
     "FILTERS",
     "HUMANS",
     "ROBOTS",
@@ -66,6 +72,8 @@ __all__ = [
     "RobotModel",
     "SafetyFilter",
     "Scene",
+    "SensorFaults",
+    "SensorModel",
     "Shield",
     "Status",
     "__version__",

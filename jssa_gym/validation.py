@@ -1,7 +1,7 @@
 """Checks of what users pass in, before anything happens."""
 
 import math
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -54,3 +54,26 @@ def known_name(name: str, value: Any, valid: Any) -> str:
     if not isinstance(value, str) or value not in valid:
         raise ParameterError(f"unknown {name} {value!r}; valid: {', '.join(valid)}")
     return value
+
+
+def number_within(name: str, value: Any, low: float, high: float = math.inf) -> float:
+    """A finite number in [low, high].
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    wanted = f"in [{low:g}, {high:g}]" if high < math.inf else f"of at least {low:g}"
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value) or not low <= value <= high:
+        raise ParameterError(f"{name} has to be a number {wanted}, got {value!r}")
+    return float(value)
+
+
+def positive_integer(name: str, value: Any) -> int:
+    """An integer of at least 1.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise ParameterError(f"{name} has to be a positive integer, got {value!r}")
+    return int(value)

@@ -93,6 +93,20 @@ STOP = np.dtype(
 )
 """One joint's stop on the time grid."""
 
+TRACK = np.dtype(
+    [
+        ("trusted", np.float64, (4, 3)),  # start, end and their velocities, as last trusted
+        ("radius", np.float64),
+        ("stamp", np.float64),  # when that was measured, -inf for never
+        ("seen", np.float64, (4, 3)),  # the last sample that could be read, trusted or not
+        ("first", np.float64),  # stamp that it had when it came for the first time
+        ("speed", np.float64),  # no point of the body part moves faster
+        ("person", np.int64),
+    ],
+    align=True,
+)
+"""What is remembered of one human capsule from tick to tick."""
+
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Zeroed records of one of the types above."""

@@ -1,0 +1,264 @@
+"""What a perception system makes of the people: noise, delay, gaps and lies, between environment and shield."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from jssa_gym.envs.faults import FAULTS, SensorFaults
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.types import Array, CapsuleSet, Scene
+from jssa_gym.validation import known_name, number_within, positive_integer
+
+_ROUNDING = 1e-9
+"""A sample counts as arrived this much early [s]: times are multiples of the control step only up to rounding."""
+
+
+class _Sample(NamedTuple):
+    """One measurement of everybody, on its way or delivered."""
+
+    number: int
+    arrival: float
+    """[s]."""
+    data: Array
+    """Starts, ends and their velocities, shape (4, m, 3) [m, m/s]."""
+    stamp: Array
+    """When each capsule was measured, -inf for never, shape (m,) [s]."""
+    measured: NDArray[np.bool_]
+    """Shape (m,)."""
+
+
+class _Bursts:
+    """Faults that begin by chance and last for some ticks, independent of each other."""
+
+    def __init__(self, probability: float, longest: int, count: int = 1) -> None:
+        self._probability, self._longest = probability, longest
+        self._left = np.zeros(count, np.int64)
+
+    def step(self, rng: np.random.Generator) -> NDArray[np.bool_]:
+        """Go on by a tick; which ones begin, shape (count,)."""
+        if self._probability == 0.0:
+            return self.on
+        self._left = np.maximum(self._left - 1, 0)
+        began = (self._left == 0) & (rng.random(len(self._left)) < self._probability)
+        self._left[began] = rng.integers(1, self._longest + 1, np.count_nonzero(began))
+        return began
+
+    @property
+    def on(self) -> NDArray[np.bool_]:
+        """Which ones are on, shape (count,)."""
+        return self._left > 0
+
+
+def _ball(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    """Points drawn evenly from the unit ball, shape (*shape, 3)."""
+    # rounding must not carry a point beyond the bound that is promised
+    return _directions(rng, shape) * (rng.random((*shape, 1)) ** (1.0 / 3.0) * (1.0 - 1e-12))
+
+
+def _directions(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    """Unit vectors drawn evenly, shape (*shape, 3)."""
+    vectors = rng.standard_normal((*shape, 3))
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def _stream(env: gym.Env, seed: int | None, rng: np.random.Generator | None, key: int) -> np.random.Generator:
+    """A generator of one's own, from the seed of a reset: what it draws must not change the environment."""
+    if seed is None and rng is not None:
+        return rng
+    # -1: the environment's seed is unknown
+    return np.random.default_rng((key, abs(env.unwrapped.np_random_seed or 0) if seed is None else seed))
+
+
+class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
+    """Shows a shield the people as a perception system with faults would.
+
+    It goes between environment and shield, ``JSSAShield(SensorModel(env, "long dropouts"))``, and overrides
+    ``scene``: the people's capsules with their ``age`` and ``valid``. The arm's joint state is the commanded one and
+    stays untouched, and so do the environment, its observation and its ``info``: metrics see the truth. A scene is
+    made once a tick; reading it again gives the same object. Before the first sample has arrived the capsules are
+    NaN, not valid and of infinite age.
+
+    The faults are drawn from a generator of their own, seeded by ``reset(seed=...)``: same seed, same bits.
+
+    Args:
+        env: An environment that offers ``scene``.
+        faults: Settings, a name in :data:`~jssa_gym.envs.faults.FAULTS`, or the settings' fields as a mapping.
+
+    Raises:
+        ParameterError: Unknown faults; at ``reset``, ``missing`` names a body part that nobody has.
+    """
+
+    def __init__(self, env: gym.Env, faults: SensorFaults | str | Mapping[str, Any]) -> None:
+        if isinstance(faults, str):
+            faults = FAULTS[known_name("faults", faults, FAULTS)]
+        elif isinstance(faults, Mapping):
+            for name in faults:
+                known_name("fault", name, [field.name for field in fields(SensorFaults)])
+            faults = SensorFaults(**faults)
+        elif not isinstance(faults, SensorFaults):
+            raise ParameterError(f"faults has to be SensorFaults, a name or a mapping, got {faults!r}")
+        gym.utils.RecordConstructorArgs.__init__(self, faults=asdict(faults))  # JSON can hold it
+        gym.Wrapper.__init__(self, env)
+        self.faults = faults
+        self._rng: np.random.Generator | None = None
+        self._scene: Scene | None = None
+
+    @property
+    def scene(self) -> Scene | None:
+        """The present as it is perceived; None where the environment itself has none.
+
+        Raises:
+            gymnasium.error.ResetNeeded: There was no ``reset`` yet.
+        """
+        if self._rng is None:
+            raise gym.error.ResetNeeded("a sensor has nothing to show before reset()")
+        return self._scene
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment, then the faults; a seed seeds both."""
+        result = self.env.reset(seed=seed, options=options)
+        self._rng = _stream(self.env, seed, self._rng, 0x5E2502)
+        truth = self.env.get_wrapper_attr("scene")
+        self._begin(truth)
+        self._scene = self._perceive(truth, self._rng)
+        return result
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and look at what it has become."""
+        if self._rng is None:
+            raise gym.error.ResetNeeded("reset() has to come before step()")
+        result = self.env.step(action)
+        self._scene = self._perceive(self.env.get_wrapper_attr("scene"), self._rng)
+        return result
+
+    def _begin(self, truth: Scene | None) -> None:
+        names = () if truth is None else truth.human.names
+        unknown = [name for name in self.faults.missing if name not in names]
+        if unknown and names:
+            raise ParameterError(f"unknown body parts {unknown} in missing; valid: {', '.join(dict.fromkeys(names))}")
+        faults, m = self.faults, len(names)
+        self._absent = np.array([name in faults.missing for name in names], np.bool_)
+        self._dropouts = _Bursts(faults.dropout, faults.dropout_ticks, m)
+        self._outliers = _Bursts(faults.outlier, faults.outlier_ticks, m)
+        self._swaps = _Bursts(faults.swap, faults.swap_ticks)
+        self._freezes = _Bursts(faults.freeze, faults.freeze_ticks)
+        self._misstamps = _Bursts(faults.misstamp, 1)
+        self._elsewhere, self._order = np.zeros((m, 3)), np.arange(m)
+        nothing = _Sample(-1, -np.inf, np.full((4, m, 3), np.nan), np.full(m, -np.inf), np.zeros(m, np.bool_))
+        self._last = self._arrived = self._shown = nothing
+        self._under_way: list[_Sample] = []
+        self._age = np.full(m, np.inf)
+
+    def _perceive(self, truth: Scene | None, rng: np.random.Generator) -> Scene | None:
+        if truth is None:
+            return None
+        people, now = truth.human, truth.time
+        if len(people.radius) != len(self._age):
+            self._begin(truth)
+        self._last = self._measure(truth, rng)
+        self._under_way.append(self._last)
+        self._receive(now)
+        self._freezes.step(rng)
+        self._misstamps.step(rng)
+        frozen = bool(self._freezes.on[0])
+        if not frozen:
+            self._shown = self._arrived
+        if not frozen or self.faults.freeze_reported:
+            self._age = now - self._shown.stamp
+        age = self._age + self.faults.shift if self._misstamps.on[0] else self._age.copy()
+        start, end, start_velocity, end_velocity = self._shown.data.copy()
+        capsules = CapsuleSet(start, end, start_velocity, end_velocity, people.radius, people.names, people.person)
+        return Scene(now, truth.robot, capsules, truth.static, truth.planes, age, self._shown.measured.copy())
+
+    def _measure(self, truth: Scene, rng: np.random.Generator) -> _Sample:
+        """Everybody as seen now, whenever that will arrive."""
+        faults, people, m = self.faults, truth.human, len(self._age)
+        if self._swaps.step(rng)[0]:
+            self._order = _swapped(people.person, rng)
+        order = self._order if self._swaps.on[0] else np.arange(m)
+        data = np.array([people.start, people.end, people.start_velocity, people.end_velocity])[:, order]
+        if faults.noise > 0.0:
+            data[:2] += faults.noise * _ball(rng, (2, m))
+        if faults.velocity_noise > 0.0:
+            data[2:] += faults.velocity_noise * _ball(rng, (2, m))
+        began = self._outliers.step(rng)
+        if np.any(began):
+            self._elsewhere[began] = faults.outlier_size * _directions(rng, (m,))[began]
+        data[:2] += np.where(self._outliers.on[:, None], self._elsewhere, 0.0)
+        self._dropouts.step(rng)
+        measured = truth.valid[order] & ~self._dropouts.on & ~self._absent
+        gone = ~measured
+        data[:, gone] = np.nan if faults.blank else self._last.data[:, gone]
+        stamp = np.where(measured, truth.time - truth.age[order], self._last.stamp)
+        delay = faults.latency + (faults.jitter * rng.random() if faults.jitter > 0.0 else 0.0)
+        return _Sample(self._last.number + 1, truth.time + delay, data, stamp, measured)
+
+    def _receive(self, now: float) -> None:
+        arrived = [sample for sample in self._under_way if sample.arrival <= now + _ROUNDING]
+        self._under_way = [sample for sample in self._under_way if sample.arrival > now + _ROUNDING]
+        if not arrived:
+            return
+        if self.faults.reorder:
+            self._arrived = max(arrived, key=lambda sample: (sample.arrival, sample.number))
+        else:
+            self._arrived = max(*arrived, self._arrived, key=lambda sample: sample.number)
+
+
+def _swapped(person: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+    """Which capsule is taken for which, shape (m,): two people exchanged, or two capsules of one person."""
+    order, people = np.arange(len(person)), np.unique(person)
+    if len(people) > 1:
+        one, other = (np.flatnonzero(person == p) for p in rng.choice(people, 2, replace=False))
+        count = min(len(one), len(other))
+        one, other = one[:count], other[:count]
+    elif len(person) > 1:
+        one, other = rng.choice(len(person), 2, replace=False)
+    else:
+        return order
+    order[one], order[other] = order[other], order[one]
+    return order
+
+
+class MissedTicks(gym.Wrapper, gym.utils.RecordConstructorArgs):
+    """Shows a shield no scene at all at random ticks: ``scene`` is None, nothing is known about the arm either.
+
+    Args:
+        env: An environment that offers ``scene``.
+        probability: Per tick, of a gap's beginning.
+        longest: Gaps last 1 to so many ticks. The scene of a reset is always there.
+
+    Raises:
+        ParameterError: A value is out of range.
+    """
+
+    def __init__(self, env: gym.Env, probability: float = 0.05, longest: int = 15) -> None:
+        self.probability = number_within("probability", probability, 0.0, 1.0)
+        self.longest = positive_integer("longest", longest)
+        gym.utils.RecordConstructorArgs.__init__(self, probability=probability, longest=longest)
+        gym.Wrapper.__init__(self, env)
+        self._rng: np.random.Generator | None = None
+        self._gaps = _Bursts(self.probability, self.longest)
+
+    @property
+    def scene(self) -> Scene | None:
+        """The present, or None in a gap."""
+        return None if self._gaps.on[0] else self.env.get_wrapper_attr("scene")
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; a seed seeds the gaps too."""
+        result = self.env.reset(seed=seed, options=options)
+        self._rng = _stream(self.env, seed, self._rng, 0x6A95)
+        self._gaps = _Bursts(self.probability, self.longest)
+        return result
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment."""
+        if self._rng is None:
+            raise gym.error.ResetNeeded("reset() has to come before step()")
+        result = self.env.step(action)
+        self._gaps.step(self._rng)
+        return result

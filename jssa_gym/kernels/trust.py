@@ -1,0 +1,132 @@
+"""Which measurements of people are believed."""
+
+import numpy as np
+
+from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.vector import dot, subtract
+
+GOOD, UNMEASURED, OLDER, FROZEN, JUMPED, PERSON, NEGATIVE, UNREADABLE = range(8)
+"""What became of a sample; from PERSON on whoever delivers it cannot be relied on at all."""
+
+COVERED, LOST, NEVER, BROKEN = range(4)
+"""Whether a capsule's trusted sample can stand for it, from best to worst."""
+
+CLAIMS_MOTION = 0.05
+"""Speed from which a measurement says that it will not be the same next time [m/s]."""
+
+STAMP_ROUNDING = 1e-9
+"""Stamps this close are one [s]: they are differences of times."""
+
+LENGTH_ROUNDING = 1e-6
+"""Added to what an end may have moved [m]."""
+
+
+@jit
+def _readable(ends, j, radius):
+    """Whether all numbers of a sample are finite and the radius is one."""
+    for row in range(4):
+        for k in range(3):
+            if not np.isfinite(ends[row, j, k]):
+                return False
+    return np.isfinite(radius) and radius >= 0.0
+
+
+@jit
+def _repeated(ends, j, track):
+    """Whether a sample is bit for bit the last one although that one claimed to move."""
+    for row in range(4):
+        for k in range(3):
+            # what has never been seen is NaN and differs from everything
+            if ends[row, j, k] != track["seen"][row, k]:
+                return False
+    fastest = max(dot(ends[2, j], ends[2, j]), dot(ends[3, j], ends[3, j]))
+    return fastest > CLAIMS_MOTION * CLAIMS_MOTION
+
+
+@jit
+def _within(ends, j, track, allowed):
+    """Whether both ends are where they can have come from the trusted ones."""
+    for row in range(2):
+        way = subtract(ends[row, j], track["trusted"][row])
+        if not dot(way, way) <= allowed * allowed:
+            return False
+    return True
+
+
+@jit
+def _judge(time, ends, j, radius, age, valid, person, error, track):
+    """Take in one capsule's sample, or not; what became of it."""
+    if person != track["person"]:
+        return PERSON
+    if not valid:
+        return UNMEASURED
+    if not (_readable(ends, j, radius) and np.isfinite(age)):
+        return UNREADABLE
+    if age < -STAMP_ROUNDING:
+        return NEGATIVE
+    stamp = time - max(age, 0.0)
+    verdict = GOOD
+    if _repeated(ends, j, track):
+        # the same sample again, whatever its stamp says: it is as old as when it came first
+        if stamp > track["first"] + STAMP_ROUNDING:
+            verdict = FROZEN
+        stamp = min(stamp, track["first"])
+    else:
+        for row in range(4):
+            for k in range(3):
+                track["seen"][row, k] = ends[row, j, k]
+        track["first"] = stamp
+    if track["stamp"] > -np.inf:
+        if stamp < track["stamp"] - STAMP_ROUNDING:
+            return max(verdict, OLDER)
+        allowed = track["speed"] * max(stamp - track["stamp"], 0.0) + 2.0 * error + LENGTH_ROUNDING
+        if not _within(ends, j, track, allowed):
+            return JUMPED
+    for row in range(4):
+        for k in range(3):
+            track["trusted"][row, k] = ends[row, j, k]
+    track["radius"] = radius
+    track["stamp"] = stamp
+    return verdict
+
+
+@jit
+def trust(time, ends, radius, age, valid, person, error, max_age, tracks, out, out_radius, out_age):
+    """Take in a sample of every capsule and say what can be relied on.
+
+    Args:
+        time: Present, finite or inf, never earlier than in the call before [s].
+        ends: Starts, ends and their velocities, shape (4, m, 3) [m, m/s].
+        radius: Shape (m,) [m].
+        age: Shape (m,) [s].
+        valid: Shape (m,).
+        person: Shape (m,).
+        error: Bound on the measured ends' error [m].
+        max_age: [s].
+        tracks: The memory, shape (m,) of ``TRACK``.
+        out: Result, the trusted ``ends``; NaN for what never was.
+        out_radius: Result, shape (m,) [m].
+        out_age: Result, shape (m,) [s]; inf for what never was.
+
+    Returns:
+        The capsule that is worst off (-1 if all are good), what became of its sample, and how it is covered.
+    """
+    worst, worst_verdict, worst_cover = -1, GOOD, COVERED
+    for j in range(tracks.shape[0]):
+        track = tracks[j]
+        verdict = _judge(time, ends, j, radius[j], age[j], valid[j], person[j], error, track)
+        for row in range(4):
+            for k in range(3):
+                out[row, j, k] = track["trusted"][row, k]
+        out_radius[j] = track["radius"]
+        out_age[j] = time - track["stamp"]
+        cover = COVERED
+        if verdict >= PERSON:
+            cover = BROKEN
+        elif not track["stamp"] > -np.inf:
+            cover = NEVER
+        elif not out_age[j] <= max_age + STAMP_ROUNDING:
+            cover = LOST
+        if cover > worst_cover or (cover == worst_cover and verdict > worst_verdict):
+            worst, worst_verdict, worst_cover = j, verdict, cover
+    return worst, worst_verdict, worst_cover
