@@ -45,6 +45,18 @@ def real_array(name: str, value: Any, shape: tuple[int, ...], what: str) -> NDAr
     return array
 
 
+def low_high(name: str, value: Any, least: float = 0.0) -> tuple[float, float]:
+    """A range (low, high) of numbers that are in order and not below ``least``.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    low, high = real_array(name, value, (2,), "(low, high)").tolist()
+    if not least <= low <= high:
+        raise ParameterError(f"{name} has to be (low, high) with {least} <= low <= high, got {value!r}")
+    return low, high
+
+
 def known_name(name: str, value: Any, valid: Any) -> str:
     """A string that is one of the valid ones.
 

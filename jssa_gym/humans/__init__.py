@@ -4,16 +4,9 @@ import copy
 from collections.abc import Callable, Sequence
 
 from jssa_gym.humans.body import Body, nobody, together
-from jssa_gym.humans.motions import (
-    CLEARANCE,
-    ApproachRetreat,
-    ConstantVelocity,
-    Crowd,
-    HumanMotion,
-    Nobody,
-    RandomWalk,
-    Walk,
-)
+from jssa_gym.humans.motion import CLEARANCE, Crowd, HumanMotion, Nobody, Walk
+from jssa_gym.humans.random_walk import RandomWalk
+from jssa_gym.humans.walks import ApproachRetreat, ConstantVelocity
 from jssa_gym.validation import known_name
 
 HUMANS: dict[str, Callable[[], HumanMotion]] = {
