@@ -57,6 +57,18 @@ def low_high(name: str, value: Any, least: float = 0.0) -> tuple[float, float]:
     return low, high
 
 
+def share(name: str, value: Any) -> float:
+    """A number in [0, 1].
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    number = float(real_array(name, value, (), "a number in [0, 1]"))
+    if not 0.0 <= number <= 1.0:
+        raise ParameterError(f"{name} has to be in [0, 1], got {value!r}")
+    return number
+
+
 def known_name(name: str, value: Any, valid: Any) -> str:
     """A string that is one of the valid ones.
 

@@ -25,6 +25,12 @@ CLEARANCE = 0.6
 """Smallest distance of a person's root from the base axis [m]."""
 
 
+def check_clearance(start: Array) -> None:
+    """Refuse a start, shape (2,) [m], within :data:`CLEARANCE` of the base axis, with a ParameterError."""
+    if not np.hypot(*start) >= CLEARANCE:
+        raise ParameterError(f"a person's root starts {CLEARANCE} m or more from the base axis, got {start.tolist()}")
+
+
 class HumanMotion(ABC):
     """The people in a scene, one step after the other."""
 
@@ -91,8 +97,7 @@ class Walk(HumanMotion):
         return self._body.at(self._root, self._velocity)
 
     def check_start(self, start: Array) -> None:
-        if not np.hypot(*start) >= CLEARANCE:
-            raise ParameterError(f"a person's root keeps {CLEARANCE} m from the base axis; start is {start.tolist()}")
+        check_clearance(start)
 
     @abstractmethod
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:

@@ -1,5 +1,6 @@
 """Straight walks past the arm and up to it."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,7 +8,14 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.motion import CLEARANCE, STILL, Point, Walk
 from jssa_gym.types import Array
-from jssa_gym.validation import low_high, positive_number
+from jssa_gym.validation import low_high, positive_number, share
+
+
+def _heading_past(start: Array, offset: float) -> float:
+    """Heading [rad] that leads past the base axis at ``offset`` [m], whose sign is the side; straight across if the
+    start, shape (2,) [m], is nearer than that.
+    """
+    return np.arctan2(-start[1], -start[0]) + np.sign(offset) * np.arcsin(min(abs(offset) / np.hypot(*start), 1.0))
 
 
 class ConstantVelocity(Walk):
@@ -36,9 +44,7 @@ class ConstantVelocity(Walk):
         side = rng.choice([-1.0, 1.0])
         speed, offset, passing = (rng.uniform(*r) for r in (self.speed, self.offset, self.passing))
         if start is not None:
-            # from there, past the base axis at the drawn offset or, too near for that, straight across
-            distance = np.hypot(*start)
-            heading = np.arctan2(-start[1], -start[0]) + side * np.arcsin(min(offset / distance, 1.0))
+            heading = _heading_past(start, side * offset)
         direction = np.array([np.cos(heading), np.sin(heading)])
         closest = side * offset * np.array([-direction[1], direction[0]])
         walking = speed * direction
@@ -48,6 +54,57 @@ class ConstantVelocity(Walk):
 
     def _next_velocity(self, dt: float) -> Point:
         return self._walking
+
+
+class WalkBy(Walk):
+    """Walks past in front of the arm or beside it, now a little slower, now a little faster, and may stop for a while.
+
+    Args:
+        speed: Range of the walking speed [m/s].
+        offset: Range of the root's smallest distance from the base axis [m]. The arms of the body reach 0.6 m to its
+            sides, so that below 0.8 m one of them brushes the robot's base.
+        passing: Range of the time of the closest approach at the drawn speed [s]; changes and a stop move it.
+        change: Largest share by which the speed differs from the drawn one; drawn anew every half second.
+        stop: Range of the duration of the stop [s], which every second person makes.
+    """
+
+    def __init__(
+        self,
+        speed: Sequence[float] = (0.3, 1.0),
+        offset: Sequence[float] = (0.85, 1.2),
+        passing: Sequence[float] = (1.5, 4.0),
+        change: float = 0.2,
+        stop: Sequence[float] = (0.3, 1.5),
+    ) -> None:
+        self.speed = low_high("speed", speed)
+        self.offset = low_high("offset", offset, CLEARANCE)
+        self.passing, self.stop = low_high("passing", passing), low_high("stop", stop)
+        self.change = share("change", change)
+        self.speed_bound = self.speed[1]
+
+    def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
+        self._rng = rng
+        bearing = rng.uniform(-2.0 / 3.0 * np.pi, 2.0 / 3.0 * np.pi)
+        side = rng.choice([-1.0, 1.0])
+        pace, offset, passing = (rng.uniform(*r) for r in (self.speed, self.offset, self.passing))
+        stops, begin, duration = rng.random() < 0.5, rng.uniform(0.0, passing + 1.0), rng.uniform(*self.stop)
+        heading = bearing + side * np.pi / 2.0 if start is None else _heading_past(start, side * offset)
+        direction = np.array([np.cos(heading), np.sin(heading)])
+        if start is None:
+            start = offset * np.array([np.cos(bearing), np.sin(bearing)]) - pace * passing * direction
+        self._direction, self._pace = (float(direction[0]), float(direction[1])), pace
+        self._stop = (begin, begin + duration) if stops else (math.inf, math.inf)
+        self._changes, self._now = 0.0, pace
+        return start, heading
+
+    def _next_velocity(self, dt: float) -> Point:
+        if self._stop[0] <= self._time < self._stop[1]:
+            return STILL
+        if self._time >= self._changes:
+            self._changes = self._time + 0.5
+            low, high = self.speed
+            self._now = min(max(self._pace * (1.0 + self.change * self._rng.uniform(-1.0, 1.0)), low), high)
+        return self._now * self._direction[0], self._now * self._direction[1]
 
 
 class ApproachRetreat(Walk):
