@@ -17,11 +17,11 @@ class Steered(Walk):
 
     Args:
         parameters: Shape (segments, 2) or (segments, 3), clipped to [-1, 1]: the acceleration along x and y as a share
-            of its bound and, if it is there, the right hand: its speed as a share of what ``limb_speed`` leaves beside
-            the walk, positive towards the link nearest to the shoulder, negative back. After the last segment the
-            person walks on and the hand goes back.
+            of its bound, together shortened to 1, and, if it is there, the right hand: its speed as a share of what
+            ``limb_speed`` leaves beside the walk, positive towards the link nearest to the shoulder, negative back.
+            After the last segment the person walks on and the hand goes back.
         speed: Largest speed of the body; the velocity saturates there [m/s].
-        acceleration: Bound along each axis [m/s²].
+        acceleration: Largest acceleration [m/s²].
         limb_speed: Largest speed of the hand in the world, not below ``speed`` [m/s].
         period: Duration of a segment [s].
         start: Root at the beginning, shape (2,) [m], unless ``reset`` is told another.
@@ -45,6 +45,7 @@ class Steered(Walk):
         if len(shape) != 2 or shape[0] < 1 or shape[1] not in (2, 3):
             raise ParameterError(f"parameters have to be of shape (segments, 2) or (segments, 3), got shape {shape}")
         values = np.clip(real_array("parameters", parameters, shape, "shares of the bounds"), -1.0, 1.0)
+        values[:, :2] /= np.maximum(np.hypot(values[:, 0], values[:, 1]), 1.0)[:, None]
         self.reacts = shape[1] == 3
         self._shares = [(*row, 0.0)[:3] for row in values.tolist()]
         self.speed, self.acceleration = positive_number("speed", speed), positive_number("acceleration", acceleration)
