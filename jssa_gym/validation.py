@@ -45,6 +45,30 @@ def real_array(name: str, value: Any, shape: tuple[int, ...], what: str) -> NDAr
     return array
 
 
+def low_high(name: str, value: Any, least: float = 0.0) -> tuple[float, float]:
+    """A range (low, high) of numbers that are in order and not below ``least``.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    low, high = real_array(name, value, (2,), "(low, high)").tolist()
+    if not least <= low <= high:
+        raise ParameterError(f"{name} has to be (low, high) with {least} <= low <= high, got {value!r}")
+    return low, high
+
+
+def share(name: str, value: Any) -> float:
+    """A number in [0, 1].
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    number = float(real_array(name, value, (), "a number in [0, 1]"))
+    if not 0.0 <= number <= 1.0:
+        raise ParameterError(f"{name} has to be in [0, 1], got {value!r}")
+    return number
+
+
 def known_name(name: str, value: Any, valid: Any) -> str:
     """A string that is one of the valid ones.
 

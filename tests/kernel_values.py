@@ -12,6 +12,7 @@ from jssa_gym.kernels.index import assess, exact_rows
 from jssa_gym.kernels.motion import brake, integrate, scale_action, violates
 from jssa_gym.kernels.printed import measure_present, printed_rows
 from jssa_gym.kernels.projection import project_row, project_rows, scratch, violation
+from jssa_gym.kernels.reach import nearest_to_point, nearest_to_walker
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.robots import make_robot
 from jssa_gym.safety.index import IndexParams
@@ -83,6 +84,12 @@ def main() -> None:
         measure_planes(segments, planes, plane_pairs)
         keep("own", own)
         keep("planes", plane_pairs["distance"])
+
+        links = [np.ascontiguousarray(segments[name]) for name in ("start", "end", "radius")]
+        body = Body.facing(0.3)
+        keep("walker", nearest_to_walker(body.start, body.end, body.radius, 0.9, 0.2, *links))
+        distance, point = nearest_to_point((0.7, 0.1, 1.3), *links)
+        keep("point", [distance, *point])
 
         integrate(state, jerk, TAU, after)
         keep("integrate", after)

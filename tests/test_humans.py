@@ -1,5 +1,6 @@
 """How people move: what every motion promises, and what each one is for."""
 
+import functools
 import itertools
 import math
 
@@ -16,9 +17,13 @@ from jssa_gym.humans import (
     Body,
     ConstantVelocity,
     Crowd,
+    Hand,
     HumanMotion,
     Nobody,
+    Pursuit,
     RandomWalk,
+    Steered,
+    WalkBy,
     make_human,
     nobody,
     together,
@@ -51,11 +56,28 @@ def somebody(request):
     return request.param
 
 
-def walk(motion, seed, steps=STEPS, start=None, dt=DT):
-    """The capsules of an episode, reset first."""
+@functools.cache
+def arm(position=None):
+    """The arm at rest, at home or at a joint position, as a motion that reacts sees it."""
+    env = gym.make("jssa_gym/Home-v0", human="none").unwrapped
+    env.reset(seed=0, options={} if position is None else {"joint_position": position})
+    return env.robot_capsules
+
+
+def walk(motion, seed, steps=STEPS, start=None, dt=DT, robot=None):
+    """The capsules of an episode beside the arm at home, reset first."""
+    robot = arm() if robot is None else robot
     seen = [motion.reset(np.random.default_rng(seed), start)]
-    seen += [motion.step(dt, nobody()) for _ in range(steps)]
+    seen += [motion.step(dt, robot) for _ in range(steps)]
     return seen
+
+
+def surface_distance(people, robot):
+    """Smallest surface distance of two sets of capsules [m], from points along the axes: never too small."""
+    share = np.linspace(0.0, 1.0, 21)[:, None, None]
+    (p, q) = (c.start + share * (c.end - c.start) for c in (people, robot))
+    axis = np.linalg.norm(p[:, None, :, None] - q[None, :, None, :], axis=-1)
+    return (axis - people.radius[:, None] - robot.radius).min()
 
 
 def roots(seen):
@@ -87,7 +109,21 @@ def test_people_keep_their_distance_and_their_speed(name, count):
             for speeds in (capsules.start_velocity, capsules.end_velocity):
                 assert np.linalg.norm(speeds, axis=1).max(initial=0.0) <= motion.speed_bound + 1e-12
         if motion.people:
-            assert np.hypot(*roots(seen).T).min() >= 0.6
+            assert np.hypot(*roots(seen).T).min() >= motion.clearance
+            assert motion.clearance == (0.0 if name == "pursuit" else 0.6)
+
+
+def test_nothing_moves_faster_than_the_bound(name):
+    # from where things are, not from what the velocities say
+    motion, fastest = HUMANS[name](), 0.0
+    for seed in range(10):
+        seen = walk(motion, seed, steps=600)
+        for field in ("start", "end"):
+            moved = np.diff([getattr(capsules, field) for capsules in seen], axis=0)
+            fastest = max(fastest, np.linalg.norm(moved, axis=-1).max(initial=0.0) / DT)
+    assert fastest <= motion.speed_bound + 1e-9
+    # the bound is no idle one
+    assert fastest >= 0.7 * motion.speed_bound
 
 
 def test_the_body_is_the_published_one(name):
@@ -101,7 +137,9 @@ def test_the_body_is_the_published_one(name):
         assert capsules.names == tuple(PUBLISHED)
         np.testing.assert_array_equal(capsules.radius, [radius for _, _, radius in PUBLISHED.values()])
         root = np.append(capsules.start[0, :2], 0.0)
-        for i, (start, end, _) in enumerate(PUBLISHED.values()):
+        for i, (part, (start, end, _)) in enumerate(PUBLISHED.items()):
+            if name == "hand" and part.endswith("_arm"):
+                end = capsules.end[i] - root  # hands move as they like
             # turned about the vertical as a whole: heights, lengths and distances from the root stay
             np.testing.assert_allclose(capsules.start[i, 2], start[2], atol=1e-12)
             np.testing.assert_allclose(capsules.end[i, 2], end[2], atol=1e-12)
@@ -143,7 +181,7 @@ def test_a_start_is_where_the_person_begins(somebody):
     for seed in range(20):
         seen = walk(motion, seed, start=start)
         np.testing.assert_allclose(roots(seen)[0], [1.3, 0.4], atol=1e-12)
-        assert np.hypot(*roots(seen).T).min() >= 0.6
+        assert np.hypot(*roots(seen).T).min() >= motion.clearance
     np.testing.assert_array_equal(start, [1.3, 0.4])
 
 
@@ -156,7 +194,7 @@ def test_wherever_a_person_may_start_the_distance_is_kept(somebody, start):
         except ParameterError:
             continue
         assert np.isfinite(start).all()
-        assert np.hypot(*roots(seen).T).min() >= 0.6 - 1e-9
+        assert np.hypot(*roots(seen).T).min() >= motion.clearance - 1e-9
 
 
 def test_a_refused_start_changes_nothing(somebody):
@@ -176,7 +214,7 @@ def test_promises_hold_for_other_steps_too(somebody, dt):
         seen = walk(motion, seed, steps=int(8.0 / dt), dt=dt)
         path, speeds = roots(seen), velocities(seen)
         np.testing.assert_allclose(path[:-1] + dt * speeds[:-1], path[1:], atol=1e-12)
-        assert np.hypot(*path.T).min() >= 0.6
+        assert np.hypot(*path.T).min() >= motion.clearance
         assert np.hypot(*speeds.T).max() <= motion.speed_bound + 1e-12
 
 
@@ -309,6 +347,220 @@ def test_a_region_too_small_to_walk_in_is_refused():
         RandomWalk(region=((0.65, 0.70), (0.0, 0.01))).reset(np.random.default_rng(0))
 
 
+def test_walk_by_passes_in_the_workspace_and_changes_its_pace():
+    stopped, sides = 0, []
+    for seed in range(60):
+        seen = walk(WalkBy(), seed)
+        path, speeds = roots(seen), np.hypot(*velocities(seen).T)
+        gap = np.hypot(*path.T)
+        assert 0.85 - 1e-9 <= gap.min() <= 1.2 + 1e-3
+        # in front or beside, not behind, and well within the episode
+        nearest = path[gap.argmin()]
+        assert np.abs(np.arctan2(nearest[1], nearest[0])) <= np.deg2rad(121.0)
+        assert gap.argmin() * DT <= 6.5
+        walking = speeds[speeds > 0.0]
+        assert np.all((walking >= 0.3 - 1e-12) & (walking <= 1.0 + 1e-12))
+        assert walking.max() - walking.min() <= 0.4 * walking.max() + 1e-12
+        assert len(np.unique(walking.round(12))) > 3
+        stopped += np.any(speeds == 0.0)
+        still = np.count_nonzero(speeds == 0.0) * DT
+        assert still == 0.0 or 0.3 - DT <= still <= 1.5 + DT
+        direction = np.diff(path, axis=0)[walking.size // 2]
+        sides.append(np.sign(nearest[0] * direction[1] - nearest[1] * direction[0]))
+    assert 15 <= stopped <= 45
+    assert set(sides) >= {-1.0, 1.0}
+
+
+@pytest.mark.parametrize("options", [{}, {"acceleration": 2.0}, {"feint": True}, {"speed": 0.8}], ids=str)
+def test_pursuit_reaches_an_arm_at_rest_from_every_start(robot, options):
+    rng, (low, high) = np.random.default_rng(0), robot.limits.position.T
+    for seed in range(12):
+        caught = arm(None if seed < 4 else tuple(rng.uniform(low, high).tolist()))
+        motion = Pursuit(**options)
+        people, gaps = motion.reset(np.random.default_rng(seed)), []
+        if seed % 2 == 0:
+            bearing, distance = 2.4 * seed, 0.8 + 0.2 * seed
+            people = motion.reset(np.random.default_rng(seed), distance * np.array([np.cos(bearing), np.sin(bearing)]))
+        for k in range(STEPS):
+            people = motion.step(DT, caught)
+            if k % 5 == 0:
+                gaps.append(surface_distance(people, caught))
+                if gaps[-1] <= 0.0:
+                    break
+        assert gaps[-1] <= 0.0
+
+
+def test_pursuit_follows_the_arm_and_stays_in_contact():
+    motion = Pursuit()
+    motion.reset(np.random.default_rng(0), np.array([2.0, 0.0]))
+    for turn in (0.0, 1.5, -1.5):
+        target = arm((turn, 0.0, 0.0, 0.0, -np.pi / 2.0, 0.0))
+        for _ in range(300):
+            people = motion.step(DT, target)
+        assert surface_distance(people, target) < 0.0
+        # it has arrived: nothing is left to run to
+        np.testing.assert_allclose(people.end_velocity, 0.0, atol=1e-6)
+
+
+def test_pursuit_overlooks_a_link_that_it_cannot_reach_by_walking():
+    # a link overhead is nearer than the one beside it, and 2.3 m up
+    link = CapsuleSet(
+        np.array([[1.5, 0.0, 2.3], [0.0, 1.0, 1.0]]),
+        np.array([[1.5, 0.0, 2.3], [0.0, 1.0, 1.0]]),
+        *np.zeros((2, 2, 3)),
+        np.full(2, 0.1),
+        ("overhead", "beside"),
+        np.zeros(2, np.int64),
+    )
+    seen = walk(Pursuit(), 0, steps=400, start=np.array([1.5, 0.0]), robot=link)
+    assert surface_distance(seen[-1], link) <= 0.0
+    # alone it is run under, at least
+    alone = CapsuleSet(
+        *(getattr(link, f)[:1] for f in ("start", "end", "start_velocity", "end_velocity", "radius")),
+        ("overhead",),
+        np.zeros(1, np.int64),
+    )
+    seen = walk(Pursuit(), 0, steps=400, start=np.array([2.5, 1.0]), robot=alone)
+    assert np.hypot(*(roots(seen)[-1] - [1.5, 0.0])) < 0.7
+
+
+def test_pursuit_runs_as_it_is_told():
+    speeds = np.hypot(*velocities(walk(Pursuit(), 0, steps=100)).T)
+    np.testing.assert_array_equal(speeds[0], 0.0)
+    np.testing.assert_allclose(speeds[1:], 1.6, rtol=1e-12)
+    path = velocities(walk(Pursuit(acceleration=2.0), 0))
+    assert np.hypot(*np.diff(path, axis=0).T).max() == pytest.approx(2.0 * DT, rel=1e-9)
+    feints = np.array([np.hypot(*velocities(walk(Pursuit(feint=True), seed, steps=250)).T) for seed in range(10)])
+    stops = (feints[:, 1:-1] > 0.0) & (feints[:, 2:] == 0.0)
+    assert np.count_nonzero(stops) >= 5
+    assert not np.array_equal(feints[0], feints[1])
+    # with nobody to run at it stays where it is
+    assert np.ptp(roots(walk(Pursuit(), 0, steps=50, robot=nobody())), axis=0).max() == 0.0
+
+
+def test_a_hand_touches_an_arm_held_in_reach_and_goes_back():
+    right = list(PUBLISHED).index("right_arm")
+    for seed in range(15):
+        seen = walk(Hand(front=(0.95, 1.05), side=(-0.15, 0.15)), seed)
+        out = np.array([np.linalg.norm(capsules.end[right] - seen[0].end[right]) for capsules in seen])
+        assert min(surface_distance(capsules, arm()) for capsules in seen[::5]) <= 0.0
+        # several strokes, each from rest and back to it
+        away = out > 0.05
+        assert np.count_nonzero(~away[:-1] & away[1:]) >= 2
+        assert np.count_nonzero(away[:-1] & ~away[1:]) >= 2
+
+
+def test_a_hand_moves_on_straight_strokes_at_up_to_its_speed_and_nothing_else_moves():
+    arms = [list(PUBLISHED).index(part) for part in ("right_arm", "left_arm")]
+    left, fastest, slowest = [], [], []
+    for seed in range(20):
+        seen = walk(Hand(), seed)
+        ends = np.array([capsules.end_velocity for capsules in seen])
+        assert np.array([capsules.start_velocity for capsules in seen]).any() == np.False_
+        assert not np.delete(ends, arms, axis=1).any()
+        left.append(bool(ends[:, arms[1]].any()))
+        speeds = np.linalg.norm(ends[:, arms[0]], axis=-1)
+        # straight: while it moves at one speed its direction is one
+        same = (speeds[1:] > 0.0) & (np.abs(np.diff(speeds)) < 1e-9)
+        a, b = ends[:-1, arms[0]][same], ends[1:, arms[0]][same]
+        np.testing.assert_allclose(np.cross(a, b), 0.0, atol=1e-9)
+        fastest.append(speeds.max())
+        slowest.append(speeds[speeds > 0.0].mean())
+        for capsules in seen[::50]:
+            stretched = np.linalg.norm((capsules.end - capsules.start)[arms], axis=1)
+            assert stretched.max() <= 0.7 + 1e-9
+    assert 3 <= sum(left) <= 17
+    assert 1.8 < max(fastest) <= 2.0 + 1e-12
+    assert min(slowest) > 0.9
+
+
+def test_a_hand_alone_keeps_still():
+    seen = walk(Hand(), 0, steps=200, robot=nobody())
+    for capsules in seen:
+        np.testing.assert_array_equal(capsules.end, seen[0].end)
+
+
+# ---- the one that is steered --------------------------------------------------------------------------
+
+
+def steered(seed, columns=2, **options):
+    return Steered(np.random.default_rng(seed).uniform(-1.5, 1.5, (15, columns)), **options)
+
+
+@pytest.mark.parametrize("columns", [2, 3])
+def test_the_steered_keeps_its_promises(columns):
+    for seed in range(10):
+        motion = steered(seed, columns)
+        assert motion.speed_bound == (1.6 if columns == 2 else 2.0)
+        assert motion.reacts == (columns == 3)
+        seen = walk(motion, 0)
+        for now, then in itertools.pairwise(seen):
+            np.testing.assert_allclose(now.start + DT * now.start_velocity, then.start, rtol=0.0, atol=1e-12)
+            np.testing.assert_allclose(now.end + DT * now.end_velocity, then.end, rtol=0.0, atol=1e-12)
+        ends = np.linalg.norm([capsules.end_velocity for capsules in seen], axis=-1)
+        assert np.hypot(*velocities(seen).T).max() <= 1.6 + 1e-12
+        assert ends.max() <= motion.speed_bound + 1e-12
+        assert np.hypot(*np.diff(velocities(seen), axis=0).T).max() <= 8.0 * DT + 1e-9
+        for one, other in zip(seen, walk(steered(seed, columns), 99), strict=True):
+            np.testing.assert_array_equal(one.end, other.end)
+
+
+def test_the_steered_goes_where_its_parameters_say():
+    motion = Steered([[-1.0, 0.0], [0.0, 0.0], [0.8, 0.6]], acceleration=1.0, period=0.4, start=(2.0, 0.5))
+    seen = walk(motion, 0, steps=200)
+    path, speeds = roots(seen), velocities(seen)
+    np.testing.assert_allclose(path[0], [2.0, 0.5])
+    np.testing.assert_allclose(speeds[75], [-0.4, 0.0], atol=1.1 * DT)
+    np.testing.assert_allclose(speeds[-1], [-0.08, 0.24], atol=1.1 * DT)
+    np.testing.assert_allclose(speeds[150:], np.tile(speeds[150], (51, 1)), rtol=1e-12)
+    # saturation keeps the direction
+    fast = velocities(walk(Steered([[1.0, 0.5]] * 9, period=0.4), 0, steps=300))
+    assert np.hypot(*fast[-1]) == pytest.approx(1.6)
+    assert fast[-1][0] == pytest.approx(2.0 * fast[-1][1])
+    begun = walk(motion, 0, start=np.array([1.0, 1.0]), steps=1)
+    np.testing.assert_allclose(roots(begun)[0], [1.0, 1.0])
+
+
+def test_the_steered_reaches_for_the_arm_with_its_hand():
+    motion = Steered([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], start=(1.0, 0.0), period=1.0)
+    seen = walk(motion, 0, steps=250)
+    gaps = [surface_distance(capsules, arm()) for capsules in seen[::5]]
+    assert gaps[0] > 0.05
+    assert min(gaps) <= 0.0
+    np.testing.assert_allclose(seen[-1].end, seen[0].end, atol=1e-6)
+    assert max(np.linalg.norm(capsules.end_velocity, axis=1).max() for capsules in seen) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"parameters": [1.0, 2.0]}, "segments"),
+        ({"parameters": np.zeros((0, 2))}, "segments"),
+        ({"parameters": np.zeros((3, 4))}, "segments"),
+        ({"parameters": [[np.nan, 0.0]]}, "parameters"),
+        ({"parameters": [[0.0, 0.0]], "speed": 0.0}, "speed"),
+        ({"parameters": [[0.0, 0.0]], "limb_speed": 1.0}, "limb_speed"),
+        ({"parameters": [[0.0, 0.0]], "start": (0.1, 0.1)}, "0.6"),
+        ({"parameters": [[0.0, 0.0]], "period": -1.0}, "period"),
+    ],
+    ids=str,
+)
+def test_bad_steering_is_named(arguments, word):
+    with pytest.raises(ParameterError, match=word):
+        Steered(**arguments)
+
+
+def test_new_people_make_a_crowd():
+    crowd = Crowd([WalkBy(), Pursuit(), Hand(), steered(0, 3)])
+    assert crowd.reacts
+    assert crowd.speed_bound == 2.0
+    assert crowd.clearance == 0.0
+    assert Crowd([WalkBy(), Hand()]).clearance == 0.6
+    seen = walk(crowd, 0, steps=100)
+    assert seen[-1].person.tolist() == [k for k in range(4) for _ in range(6)]
+    assert not np.array_equal(seen[-1].end[6:12], seen[0].end[6:12])
+
+
 def test_a_crowd_is_its_members_one_after_the_other():
     crowd = Crowd([RandomWalk(), Nobody(), ConstantVelocity()])
     assert crowd.people == 2
@@ -391,6 +643,14 @@ RANGES = ["fast", 1.0, None, (1.0,), (1.0, 2.0, 3.0), (2.0, 1.0), (np.nan, 1.0),
         (ApproachRetreat, "speed"),
         (ApproachRetreat, "wait"),
         (ApproachRetreat, "stay"),
+        (WalkBy, "speed"),
+        (WalkBy, "offset"),
+        (WalkBy, "passing"),
+        (WalkBy, "stop"),
+        (Pursuit, "distance"),
+        (Hand, "front"),
+        (Hand, "speed"),
+        (Hand, "pause"),
     ],
     ids=lambda value: getattr(value, "__name__", value),
 )
@@ -417,6 +677,16 @@ def test_a_range_is_two_numbers_in_order(motion, argument, value):
         (RandomWalk, {"region": ((0.65, 2.0),)}, "region"),
         (RandomWalk, {"region": 5.0}, "region"),
         (RandomWalk, {"region": ((0.65, 2.0), (-1.0, np.nan))}, "region"),
+        (WalkBy, {"change": 1.5}, "change"),
+        (WalkBy, {"change": "much"}, "change"),
+        (WalkBy, {"offset": (0.5, 1.0)}, "0.6"),
+        (Pursuit, {"speed": 0.0}, "speed"),
+        (Pursuit, {"acceleration": -1.0}, "acceleration"),
+        (Pursuit, {"distance": (0.1, 2.0)}, "distance"),
+        (Hand, {"both": 1.5}, "both"),
+        (Hand, {"both": np.nan}, "both"),
+        (Hand, {"length": 0.0}, "length"),
+        (Hand, {"front": (0.5, 1.0)}, "0.6"),
         (Crowd, {"motions": []}, "at least one"),
     ],
     ids=str,

@@ -7,7 +7,19 @@ import pytest
 import jssa_gym
 from jssa_gym.control import Cascade
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.policies import HoldPolicy, RandomPolicy
+from jssa_gym.humans import Body, HumanMotion, nobody
+from jssa_gym.policies import (
+    POLICIES,
+    BangBangPolicy,
+    ChasePolicy,
+    ConstantPolicy,
+    HoldPolicy,
+    LimitSeekingPolicy,
+    RandomPolicy,
+    SteeredPolicy,
+    WanderPolicy,
+)
+from jssa_gym.safety.proximity import measure
 from jssa_gym.types import JointState
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, -np.pi / 2.0, 0.0])
@@ -80,6 +92,200 @@ def test_random_is_uniform_and_fixed_by_its_seed():
     assert np.abs(drawn).max() <= 1.0
     np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=0.1)
     np.testing.assert_allclose(drawn.std(axis=0), 1.0 / np.sqrt(3.0), atol=0.05)
+
+
+def unshielded(policy, seed=0, steps=1000, human="random", **options):
+    """Actions (steps, n), joint states (steps, 3, n), infos and tip positions (steps, 3) of an unshielded episode."""
+    env = gym.make("jssa_gym/Home-v0", human=human, terminate_on=())
+    observation, _ = env.reset(seed=seed, options=options)
+    chosen = policy(env)
+    actions, states, infos, tips = [], [], [], []
+    for _ in range(steps):
+        actions.append(chosen(observation))
+        observation, _, _, _, info = env.step(actions[-1])
+        state = env.unwrapped.scene.robot
+        states.append((state.position, state.velocity, state.acceleration))
+        infos.append(info)
+        tips.append(env.unwrapped.robot_capsules.end[-1])  # the tool centre point ends the tool's capsule
+    return np.array(actions), np.array(states), infos, np.array(tips)
+
+
+def paths(tips):
+    """Speed of a tip by differences, shape (steps - 1,) [m/s]."""
+    return np.linalg.norm(np.diff(tips, axis=0), axis=1) / 0.008
+
+
+@pytest.mark.parametrize("name", POLICIES)
+class TestEveryPolicy:
+    def test_its_actions_are_finite_within_bounds_and_its_own(self, name):
+        for human in ("random", "none"):
+            actions, *_ = unshielded(lambda env: POLICIES[name](env, 0), human=human)
+            assert actions.shape == (1000, 6)
+            assert np.all(np.isfinite(actions))
+            assert np.abs(actions).max() <= 1.0
+
+    def test_a_seed_fixes_it(self, name):
+        one, two, other = (unshielded(lambda env, k=k: POLICIES[name](env, k), steps=150)[0] for k in (1, 1, 2))
+        np.testing.assert_array_equal(one, two)
+        if name not in ("hold", "chase"):
+            assert not np.array_equal(one, other)
+
+    def test_it_serves_episode_after_episode_under_a_shield(self, name):
+        env = jssa_gym.JSSAShield(gym.make("jssa_gym/Reach-v0", human="hand", terminate_on=()))
+        policy = POLICIES[name](env, None)
+        for seed in range(2):
+            observation, _ = env.reset(seed=seed)
+            for _ in range(60):
+                action = policy(observation)
+                assert env.action_space.contains(action.astype(np.float32))
+                kept = action.copy()
+                observation, *_ = env.step(action)
+                action[:] = np.nan  # what was returned is the caller's
+            assert np.all(np.isfinite(kept))
+
+
+def test_wander_is_in_motion_and_keeps_the_limits():
+    speeds, spread = [], []
+    for seed in range(4):
+        _, states, infos, tips = unshielded(lambda env, k=seed: WanderPolicy(env, k), seed, human="none")
+        assert not any(info["limit_violation"] for info in infos)
+        speeds.append(paths(tips))
+        spread.append(np.ptp(states[:, 0], axis=0))
+    moving = np.concatenate(speeds)
+    assert moving.mean() > 0.5
+    assert np.mean(moving > 0.05) > 0.9
+    # every joint takes part
+    assert np.max(spread, axis=0).min() > 1.0
+
+
+def test_wander_goes_elsewhere_when_it_is_kept_from_its_posture():
+    env = gym.make("jssa_gym/Home-v0", human="none", terminate_on=())
+    env.reset(seed=0)
+    policy = WanderPolicy(env, 0, patience=0.5)
+    actions = []
+    for _ in range(200):  # somebody else has the arm: it stays at home
+        actions.append(policy(None))
+        env.step(np.zeros(6))
+    assert len(np.unique(actions, axis=0)) == 4
+
+
+def test_wander_draws_postures_clear_of_the_table_and_the_arm_itself(robot):
+    env = gym.make("jssa_gym/Home-v0", human="none")
+    env.reset(seed=0)
+    policy = WanderPolicy(env, 0)
+    planes = env.unwrapped.scene.planes
+    low, high = robot.limits.position.T
+    for _ in range(50):
+        posture = policy._posture(planes)
+        assert np.all((low < posture) & (posture < high))
+        near = measure(robot, JointState(posture, np.zeros(6), np.zeros(6)), nobody(), planes)
+        assert min(near.planes.min(), near.own.min()) >= 0.03
+
+
+def test_bang_bang_is_full_jerk_that_switches_joint_by_joint():
+    actions, *_ = unshielded(lambda env: BangBangPolicy(env, 0, period=0.1))
+    assert set(np.unique(actions)) == {-1.0, 1.0}
+    switches = np.count_nonzero(np.diff(actions, axis=0), axis=0)
+    # 8 s of switches every 0.1 s
+    assert np.all((switches >= 50) & (switches <= 110))
+    assert not np.array_equal(actions[:, 0], actions[:, 1])
+
+
+def test_constant_is_constant_between_draws_and_new_in_every_episode():
+    actions, *_ = unshielded(lambda env: ConstantPolicy(env, 0, period=1.0))
+    changes = np.any(np.diff(actions, axis=0) != 0.0, axis=1)
+    assert 2 <= np.count_nonzero(changes) <= 20
+    env = gym.make("jssa_gym/Home-v0")
+    policy = ConstantPolicy(env, 0, period=1e6)
+    env.reset(seed=0)
+    first = policy(None)
+    env.step(first)
+    np.testing.assert_array_equal(policy(None), first)
+    env.reset(seed=1)
+    assert not np.array_equal(policy(None), first)
+
+
+def test_limit_seeking_exceeds_every_kind_of_limit_on_either_side(robot):
+    limits = robot.limits
+    low, high = limits.position.T
+    over = np.zeros((4, 6), bool)
+    for seed in range(6):
+        actions, states, infos, _ = unshielded(lambda env, k=seed: LimitSeekingPolicy(env, k), seed)
+        over[0] |= np.any(states[:, 0] > high, axis=0)
+        over[1] |= np.any(states[:, 0] < low, axis=0)
+        over[2] |= np.any(np.abs(states[:, 1]) > 1.1 * limits.velocity, axis=0)
+        over[3] |= np.any(np.abs(states[:, 2]) > 1.1 * limits.acceleration, axis=0)
+        assert any(info["limit_violation"] for info in infos)
+        assert np.abs(actions).max() == 1.0
+        # beyond, but not without end
+        assert np.abs(states[:, 1] / limits.velocity).max() < 1.5
+    assert over.all()
+
+
+def test_chase_closes_the_distance_and_hits():
+    for seed in range(4):
+        _, _, infos, tips = unshielded(lambda env: ChasePolicy(env), seed, human=Statue(), steps=400)
+        distance = np.array([info["distance"] for info in infos])
+        assert distance[0] > 0.2
+        assert distance.min() <= 0.0
+        assert any(info["contact_speed"] > 0.1 for info in infos)
+        # it went for it: one joint at least came near its speed or acceleration limit
+        assert paths(tips).max() > 0.5
+    # wherever the person stands
+    for bearing in (-2.0, 0.0, 1.5):
+        there = 0.95 * np.array([np.cos(bearing), np.sin(bearing)])
+        _, _, infos, _ = unshielded(lambda env: ChasePolicy(env), 0, human=Statue(), steps=500, human_start=there)
+        assert min(info["distance"] for info in infos) <= 0.0
+
+
+def test_chase_holds_still_where_nobody_is():
+    actions, *_ = unshielded(lambda env: ChasePolicy(env), human="none", steps=50)
+    np.testing.assert_array_equal(actions, 0.0)
+
+
+class Statue(HumanMotion):
+    """Stands still in front of the arm."""
+
+    speed_bound = 0.0
+    reacts = False
+
+    def reset(self, rng, start=None, person=0):
+        root = (1.1, rng.uniform(-0.2, 0.2)) if start is None else (float(start[0]), float(start[1]))
+        self.capsules = Body.facing(np.arctan2(-root[1], -root[0]), person).at(root, (0.0, 0.0))
+        return self.capsules
+
+    def step(self, dt, robot):
+        return self.capsules
+
+
+def test_steered_policy_plays_its_parameters():
+    parameters = np.random.default_rng(0).uniform(-1.5, 1.5, (5, 6))
+    actions, *_ = unshielded(lambda env: SteeredPolicy(env, parameters, period=0.2), steps=150)
+    for k in range(150):
+        expected = np.clip(parameters[k // 25], -1.0, 1.0) if k < 125 else np.zeros(6)
+        np.testing.assert_array_equal(actions[k], expected)
+
+
+@pytest.mark.parametrize(
+    ("build", "word"),
+    [
+        (lambda env: SteeredPolicy(env, np.zeros((3, 5))), "segments, 6"),
+        (lambda env: SteeredPolicy(env, np.zeros(6)), "segments, 6"),
+        (lambda env: SteeredPolicy(env, np.full((3, 6), np.nan)), "parameters"),
+        (lambda env: SteeredPolicy(env, np.zeros((3, 6)), period=0.0), "period"),
+        (lambda env: BangBangPolicy(env, period=0.0), "period"),
+        (lambda env: ConstantPolicy(env, period=np.nan), "period"),
+        (lambda env: LimitSeekingPolicy(env, excess=-1.0), "excess"),
+        (lambda env: LimitSeekingPolicy(env, patience=0.0), "patience"),
+        (lambda env: ChasePolicy(env, damping=0.0), "damping"),
+        (lambda env: WanderPolicy(env, patience=0.0), "patience"),
+        (lambda env: WanderPolicy(env, share=(0.0, 1.0)), "share"),
+        (lambda env: WanderPolicy(env, share=(0.5, 1.5)), "share"),
+    ],
+)
+def test_bad_parameters_of_policies_are_named(build, word):
+    with pytest.raises(ParameterError, match=word):
+        build(gym.make("jssa_gym/Home-v0"))
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 1.0])

@@ -48,7 +48,17 @@ class Cascade:
         """
         limits = self.limits
         goal = np.clip(target, limits.position[:, 0], limits.position[:, 1])
+        return self.jerk_at_speed(state, self.kp * (goal - state.position))
+
+    def jerk_at_speed(self, state: JointState, velocity: Array) -> Array:
+        """Jerk towards a joint velocity by the inner loops alone, shape (n,) [rad/s³].
+
+        Args:
+            state: Joint state.
+            velocity: Shape (n,) [rad/s]; clipped to the share of the limits.
+        """
+        limits = self.limits
         fastest, hardest = self.share * limits.velocity, self.share * limits.acceleration
-        v = np.clip(self.kp * (goal - state.position), -fastest, fastest)
+        v = np.clip(velocity, -fastest, fastest)
         a = np.clip(self.kv * (v - state.velocity), -hardest, hardest)
         return np.clip(self.ka * (a - state.acceleration), -limits.jerk, limits.jerk)

@@ -4,16 +4,12 @@ import copy
 from collections.abc import Callable, Sequence
 
 from jssa_gym.humans.body import Body, nobody, together
-from jssa_gym.humans.motions import (
-    CLEARANCE,
-    ApproachRetreat,
-    ConstantVelocity,
-    Crowd,
-    HumanMotion,
-    Nobody,
-    RandomWalk,
-    Walk,
-)
+from jssa_gym.humans.hand import Hand
+from jssa_gym.humans.motion import CLEARANCE, Crowd, HumanMotion, Nobody, Walk
+from jssa_gym.humans.pursuit import Pursuit
+from jssa_gym.humans.random_walk import RandomWalk
+from jssa_gym.humans.steered import Steered
+from jssa_gym.humans.walks import ApproachRetreat, ConstantVelocity, WalkBy
 from jssa_gym.validation import known_name
 
 HUMANS: dict[str, Callable[[], HumanMotion]] = {
@@ -21,6 +17,9 @@ HUMANS: dict[str, Callable[[], HumanMotion]] = {
     "constant_velocity": ConstantVelocity,
     "approach_retreat": ApproachRetreat,
     "random": RandomWalk,
+    "walk_by": WalkBy,
+    "pursuit": Pursuit,
+    "hand": Hand,
 }
 """Motions by name."""
 
@@ -31,10 +30,14 @@ __all__ = [
     "Body",
     "ConstantVelocity",
     "Crowd",
+    "Hand",
     "HumanMotion",
     "Nobody",
+    "Pursuit",
     "RandomWalk",
+    "Steered",
     "Walk",
+    "WalkBy",
     "make_human",
     "nobody",
     "together",

@@ -7,7 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.control import Cascade
-from jssa_gym.types import Array
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans import nobody
+from jssa_gym.safety.proximity import measure
+from jssa_gym.types import Array, JointState, Planes
+from jssa_gym.validation import low_high, positive_number
 
 
 class Policy(Protocol):
@@ -50,3 +54,62 @@ class RandomPolicy:
     def __call__(self, observation: Any) -> Array:
         """A random action, shape (n,)."""
         return self._rng.uniform(-1.0, 1.0, self._n)
+
+
+class WanderPolicy:
+    """A random policy that really moves: from one random joint posture to the next, most of the time under way.
+
+    Postures keep clear of the table and of the arm itself; the way between them need not. The speed is drawn for
+    every way. A posture is given up when a shield keeps the arm from it.
+
+    Args:
+        env: The environment.
+        seed: Seed of all randomness.
+        share: Range of the share of the velocity and acceleration limits.
+        patience: Longest time for one posture [s].
+    """
+
+    _NEAR = 0.3
+    """Distance of every joint from its goal at which the next posture is drawn [rad]: the arm does not stop."""
+
+    _CLEAR = 0.03
+    """Distance of a posture from table and self-collision [m]."""
+
+    def __init__(
+        self,
+        env: gym.Env,
+        seed: int | None = None,
+        share: tuple[float, float] = (0.4, 1.0),
+        patience: float = 4.0,
+    ) -> None:
+        self._env, self._rng = env, np.random.default_rng(seed)
+        self._robot = env.get_wrapper_attr("robot")
+        self._share, self._patience = low_high("share", share, 0.05), positive_number("patience", patience)
+        if self._share[1] > 1.0:
+            raise ParameterError(f"share has to be at most 1, got {share!r}")
+        self._time, self._until = np.inf, -np.inf
+
+    def __call__(self, observation: Any) -> Array:
+        """Action towards the present posture, shape (n,)."""
+        scene = self._env.get_wrapper_attr("scene")
+        # a clock that went back is a new episode's
+        if scene.time < self._time or scene.time >= self._until or self._there(scene.robot):
+            self._target = self._posture(scene.planes)
+            self._cascade = Cascade(self._robot.limits, share=self._rng.uniform(*self._share))
+            self._until = scene.time + self._patience
+        self._time = scene.time
+        return self._cascade.jerk(scene.robot, self._target) / self._robot.limits.jerk
+
+    def _there(self, state: JointState) -> bool:
+        return bool(np.abs(self._target - state.position).max() < self._NEAR)
+
+    def _posture(self, planes: Planes) -> Array:
+        robot, zero = self._robot, np.zeros(self._robot.n)
+        low, high = robot.limits.position.T
+        margin = 0.05 * (high - low)
+        for _ in range(100):
+            posture = self._rng.uniform(low + margin, high - margin)
+            near = measure(robot, JointState(posture, zero, zero), nobody(), planes)
+            if min(near.own.min(initial=np.inf), near.planes.min(initial=np.inf)) >= self._CLEAR:
+                return posture
+        return np.array(robot.home)

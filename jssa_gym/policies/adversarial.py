@@ -1,0 +1,175 @@
+"""Policies that are out for trouble: what a shield has to stand."""
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jssa_gym.control import Cascade
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.kernels.chain import forward, jacobian, tool_motion
+from jssa_gym.kernels.reach import nearest_to_point
+from jssa_gym.kernels.records import FRAME, records
+from jssa_gym.types import Array, CapsuleSet
+from jssa_gym.validation import positive_number, real_array
+
+
+class BangBangPolicy:
+    """Full jerk one way or the other, every joint switching at random times of its own.
+
+    Args:
+        env: The environment.
+        seed: Seed of all randomness.
+        period: Mean time between the switches of a joint [s].
+    """
+
+    def __init__(self, env: gym.Env, seed: int | None = None, period: float = 0.15) -> None:
+        self._n = env.get_wrapper_attr("robot").n
+        self._chance = min(1.0, env.get_wrapper_attr("dt") / positive_number("period", period))
+        self._rng = np.random.default_rng(seed)
+        self._action = self._rng.choice([-1.0, 1.0], self._n)
+
+    def __call__(self, observation: Any) -> Array:
+        """An action of ones and minus ones, shape (n,)."""
+        switch = self._rng.random(self._n) < self._chance
+        self._action = np.where(switch, -self._action, self._action)
+        return self._action.copy()
+
+
+class ConstantPolicy:
+    """One random jerk, drawn anew for every episode and now and then within it.
+
+    Args:
+        env: The environment.
+        seed: Seed of all randomness.
+        period: Mean time between draws within an episode [s].
+    """
+
+    def __init__(self, env: gym.Env, seed: int | None = None, period: float = 1.0) -> None:
+        self._env, self._n = env, env.get_wrapper_attr("robot").n
+        self._period = positive_number("period", period)
+        self._rng = np.random.default_rng(seed)
+        self._time, self._until = np.inf, -np.inf
+
+    def __call__(self, observation: Any) -> Array:
+        """The present action, shape (n,)."""
+        time = self._env.get_wrapper_attr("scene").time
+        if time < self._time or time >= self._until:
+            self._action = self._rng.uniform(-1.0, 1.0, self._n)
+            self._until = time + self._rng.exponential(self._period)
+        self._time = time
+        return self._action.copy()
+
+
+class LimitSeekingPolicy:
+    """Drives every joint beyond one of its limits as hard as it can, then beyond another.
+
+    A joint is sent to a side, either within its speed and acceleration limits and on beyond the end of its range, or
+    at a speed and an acceleration beyond them. It turns when it is past the end of its range or, the sooner, after a
+    while: a shield may keep it from getting there.
+
+    Args:
+        env: The environment.
+        seed: Seed of all randomness.
+        excess: Share by which speed and acceleration limits are exceeded, of those joints that do.
+        patience: Longest time until a joint is sent elsewhere [s].
+    """
+
+    def __init__(self, env: gym.Env, seed: int | None = None, excess: float = 0.3, patience: float = 3.0) -> None:
+        self._env, self._limits = env, env.get_wrapper_attr("robot").limits
+        n = len(self._limits.jerk)
+        self._excess, self._patience = positive_number("excess", excess), positive_number("patience", patience)
+        self._rng = np.random.default_rng(seed)
+        self._side, self._over, self._until = np.ones(n), np.ones(n), np.full(n, -np.inf)
+        self._time = np.inf
+
+    def __call__(self, observation: Any) -> Array:
+        """Action that seeks the limits, shape (n,)."""
+        scene, limits = self._env.get_wrapper_attr("scene"), self._limits
+        if scene.time < self._time:
+            self._until[:] = -np.inf
+        self._time = scene.time
+        low, high = limits.position.T
+        past = np.where(self._side > 0.0, scene.robot.position > high, scene.robot.position < low)
+        turn = past | (scene.time >= self._until)
+        if turn.any():
+            n = len(turn)
+            side, over = self._rng.choice([-1.0, 1.0], n), 1.0 + self._excess * self._rng.integers(0, 2, n)
+            until = scene.time + self._patience * self._rng.uniform(0.3, 1.0, n)
+            self._side = np.where(past, -self._side, np.where(turn, side, self._side))
+            self._over, self._until = np.where(turn, over, self._over), np.where(turn, until, self._until)
+            wider = replace(
+                limits, velocity=limits.velocity * self._over, acceleration=limits.acceleration * self._over
+            )
+            self._cascade = Cascade(wider, share=1.0)
+        wanted = self._side * self._cascade.limits.velocity
+        return self._cascade.jerk_at_speed(scene.robot, wanted) / limits.jerk
+
+
+class ChasePolicy:
+    """Moves the tool centre point towards the nearest point of a person at full effort, to hit it.
+
+    Joint velocities by damped inverse kinematics, scaled so that one joint is at its limit; joints slow down before
+    the ends of their ranges. Without people it brings the arm to rest.
+
+    Args:
+        env: The environment.
+        seed: Taken as every policy takes it; nothing here is random.
+        damping: Of the inverse [m].
+    """
+
+    def __init__(self, env: gym.Env, seed: int | None = None, damping: float = 0.05) -> None:
+        self._env, self._robot = env, env.get_wrapper_attr("robot")
+        self._damping = positive_number("damping", damping)
+        self._cascade = Cascade(self._robot.limits, share=1.0)
+        self._frames, self._tip = records(self._robot.n, FRAME), np.zeros((2, 3))
+        self._jacobian = np.zeros((3, self._robot.n))
+
+    def __call__(self, observation: Any) -> Array:
+        """Action towards the nearest person, shape (n,)."""
+        scene, robot = self._env.get_wrapper_attr("scene"), self._robot
+        state = scene.robot
+        velocity = np.zeros(robot.n)
+        if len(scene.human.radius):
+            velocity = self._towards(np.array([state.position, state.velocity, state.acceleration]), scene.human)
+        # as a target, so that joints slow down before the ends of their ranges
+        target = state.position + velocity / self._cascade.kp
+        return self._cascade.jerk(state, target) / robot.limits.jerk
+
+    def _towards(self, state: Array, people: CapsuleSet) -> Array:
+        """Joint velocity that moves the tip to the nearest person, shape (n,) [rad/s]; ``state`` of shape (3, n)."""
+        robot, J = self._robot, self._jacobian
+        forward(robot.links, state, self._frames)
+        tool_motion(self._frames, robot.tool_link, robot.tool_offset, self._tip)
+        jacobian(self._frames, robot.tool_link, self._tip[0], J)
+        _, point = nearest_to_point(self._tip[0], people.start, people.end, people.radius)
+        way = np.array(point) - self._tip[0]
+        velocity = J.T @ np.linalg.solve(J @ J.T + self._damping**2 * np.eye(3), way)
+        # which way counts; how fast is up to the limits
+        return velocity / max(np.max(np.abs(velocity) / robot.limits.velocity), 1e-9)
+
+
+class SteeredPolicy:
+    """Given piecewise-constant jerks, nothing after the last; for a search after the worst case.
+
+    Args:
+        env: The environment.
+        parameters: Actions, shape (segments, n), clipped to [-1, 1].
+        period: Duration of a segment [s].
+    """
+
+    def __init__(self, env: gym.Env, parameters: ArrayLike, *, period: float = 0.2) -> None:
+        n, shape = env.get_wrapper_attr("robot").n, np.shape(parameters)
+        if len(shape) != 2 or shape[0] < 1 or shape[1] != n:
+            raise ParameterError(f"parameters have to be of shape (segments, {n}), got shape {shape}")
+        self._env, self._period = env, positive_number("period", period)
+        self._actions = np.clip(real_array("parameters", parameters, shape, "actions"), -1.0, 1.0)
+
+    def __call__(self, observation: Any) -> Array:
+        """The segment's action, shape (n,)."""
+        segment = int((self._env.get_wrapper_attr("scene").time + 1e-9) / self._period)
+        if segment < len(self._actions):
+            return self._actions[segment].copy()
+        return np.zeros(self._actions.shape[1])
