@@ -2,5 +2,6 @@
 
 from jssa_gym.evaluation.metrics import Summary, summarise
 from jssa_gym.evaluation.rollout import rollout
+from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace
 
-__all__ = ["Summary", "rollout", "summarise"]
+__all__ = ["Summary", "load_trace", "read_meta", "rollout", "save_trace", "summarise"]
