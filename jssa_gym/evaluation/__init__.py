@@ -1,7 +1,7 @@
 """Episodes, what they recorded, numbers about them, and a second judge."""
 
 from jssa_gym.evaluation.metrics import Summary, summarise
-from jssa_gym.evaluation.replay import Contact, Excess, Overlap, Verdict, judge
+from jssa_gym.evaluation.replay import judge
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.statistics import (
     PairedDifference,
@@ -11,6 +11,7 @@ from jssa_gym.evaluation.statistics import (
     paired_difference,
 )
 from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace
+from jssa_gym.evaluation.verdict import Contact, Excess, Overlap, Verdict
 
 __all__ = [
     "Contact",

@@ -65,7 +65,7 @@ class Rate:
 
     @property
     def value(self) -> float:
-        """k / n."""
+        """Of k by n."""
         return self.k / self.n
 
     def __str__(self) -> str:
