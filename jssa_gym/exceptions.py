@@ -17,6 +17,10 @@ class ParameterError(JSSAGymError, ValueError):
     """A parameter is out of range or unknown; the message lists what is valid."""
 
 
+class TraceError(JSSAGymError, ValueError):
+    """A file is not a complete, unchanged recording of an episode, or a trace's arrays do not fit together."""
+
+
 class InterfaceError(JSSAGymError, TypeError):
     """An environment does not offer what a shield needs: ``robot``, ``dt`` and ``scene``."""
 

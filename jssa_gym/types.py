@@ -121,11 +121,35 @@ class Decision(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """One episode, a row a control step; row k holds the state after step k and the jerk that led to it."""
+    """One episode, a row a control step; row k holds the state after step k and the jerk that led to it.
+
+    It holds all that another judge needs to play the episode again: see :func:`jssa_gym.evaluation.judge`.
+    """
 
     name: str
     dt: float
     """[s]."""
+    robot: str
+    """Name of the robot's model."""
+    dynamics: str
+    """``"kinematic"`` or ``"servo"``; with servos the distances are the simulated arm's, the states the commanded."""
+    mount: Array
+    """Where the robot stands, shape (3,) [m]."""
+    initial_state: Array
+    """Position, velocity, acceleration before the first step, shape (3, n) [rad, rad/s, rad/s²]."""
+    initial_human: Array
+    """Starts and ends of the human capsules before the first step, shape (2, m, 3) [m]."""
+    human_radius: Array
+    """Shape (m,) [m]."""
+    human_person: NDArray[np.int64]
+    """Whose body each human capsule belongs to, shape (m,)."""
+    human_names: tuple[str, ...]
+    """One name a human capsule: its body part."""
+    plane_normal: Array
+    """Of the solid half-spaces, see :class:`Planes`, shape (p, 3)."""
+    plane_offset: Array
+    """Shape (p,) [m]."""
+    plane_names: tuple[str, ...]
     time: Array
     """Shape (T,) [s]."""
     position: Array
@@ -152,6 +176,8 @@ class Trace:
     """Speed of the robot's touching point, 0 without contact, shape (T,) [m/s]."""
     status: NDArray[np.int64]
     """Shape (T,); NOMINAL without a shield."""
+    reason: NDArray[np.str_]
+    """Why the shield's jerk is not the nominal, shape (T,); empty strings without a shield."""
     intervened: NDArray[np.bool_]
     """Shape (T,)."""
     phi: Array

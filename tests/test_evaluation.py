@@ -25,6 +25,17 @@ def tiny(**changes) -> Trace:
     values = {
         "name": "tiny",
         "dt": 0.5,
+        "robot": "two joints",
+        "dynamics": "kinematic",
+        "mount": np.zeros(3),
+        "initial_state": np.zeros((3, 2)),
+        "initial_human": np.zeros((2, 1, 3)),
+        "human_radius": np.array([0.1]),
+        "human_person": np.zeros(1, np.int64),
+        "human_names": ("head",),
+        "plane_normal": np.zeros((0, 3)),
+        "plane_offset": np.zeros(0),
+        "plane_names": (),
         "time": np.array([0.5, 1.0, 1.5, 2.0, 2.5, 3.0]),
         "position": np.array([[0.0, 0.0], [0.5, 0.5], [1.0, 2.0], [1.1, 0.0], [0.0, -2.1], [0.0, 0.0]]),
         "velocity": np.array([[0.0, 0.0], [1.0, -1.0], [-1.5, 2.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]),
@@ -38,6 +49,7 @@ def tiny(**changes) -> Trace:
         "contact": np.array([False, False, True, True, False, False]),
         "contact_speed": np.array([0.0, 0.0, 5e-4, 2e-3, 0.0, 0.0]),
         "status": np.array([0, 1, 1, 0, 2, 0]),
+        "reason": np.array(["", "rows", "rows", "", "box", ""]),
         "intervened": np.array([False, True, True, False, True, False]),
         "phi": np.zeros(6),
         "shield_time": np.array([np.nan, 1e-5, 2e-5, 3e-5, 4e-5, 5e-5]),
@@ -124,6 +136,19 @@ def test_a_rollout_records_what_the_environment_said(env):
     twin = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", human=paper_scene(0.8), terminate_on=()))
     policy = HoldPolicy(twin)
     observation, _ = twin.reset(seed=0)
+    begun, base = twin.unwrapped.scene, twin.unwrapped
+    assert (trace.robot, trace.dynamics, trace.human_names) == (base.robot.name, "kinematic", begun.human.names)
+    assert trace.plane_names == ("table",)
+    for ours, theirs in (
+        (trace.mount, [0.0, 0.0, 0.87]),
+        (trace.initial_state, [base.robot.home, np.zeros(6), np.zeros(6)]),
+        (trace.initial_human, [begun.human.start, begun.human.end]),
+        (trace.human_radius, begun.human.radius),
+        (trace.human_person, begun.human.person),
+        (trace.plane_normal, [[0.0, 0.0, 1.0]]),
+        (trace.plane_offset, [0.87]),
+    ):
+        np.testing.assert_array_equal(ours, theirs)
     for k in range(400):
         observation, _, _, _, info = twin.step(policy(observation))
         scene, decision, closest = twin.unwrapped.scene, twin.last_decision, twin.unwrapped.closest
@@ -141,6 +166,7 @@ def test_a_rollout_records_what_the_environment_said(env):
             (trace.contact, info["contact"]),
             (trace.contact_speed, info["contact_speed"]),
             (trace.status, info["shield/status"]),
+            (trace.reason, info["shield/reason"]),
             (trace.intervened, info["shield/intervened"]),
             (trace.phi, info["shield/phi"]),
             (trace.human_start, scene.human.start),

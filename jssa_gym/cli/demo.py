@@ -21,8 +21,7 @@ from jssa_gym.envs.arm import DT, ArmEnv
 from jssa_gym.envs.world import World
 from jssa_gym.evaluation import Summary, rollout, summarise
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans import ApproachRetreat, Body, HumanMotion
-from jssa_gym.humans.body import NAMES
+from jssa_gym.humans import ApproachRetreat, HumanMotion
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.safety.proximity import measure
 from jssa_gym.shields import JSSAShield
@@ -165,6 +164,13 @@ def _film(traces: list[Trace], env: ArmEnv, d_min: float, pretty: bool) -> Itera
 
 
 def _people(trace: Trace, k: int) -> CapsuleSet:
-    body = Body.facing()
     still = np.zeros_like(trace.human_start[k])
-    return CapsuleSet(trace.human_start[k], trace.human_end[k], still, still, body.radius, NAMES, body.person)
+    return CapsuleSet(
+        trace.human_start[k],
+        trace.human_end[k],
+        still,
+        still,
+        trace.human_radius,
+        trace.human_names,
+        trace.human_person,
+    )

@@ -14,6 +14,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from jssa_gym.evaluation.oracle import Oracle
 from jssa_gym.exceptions import JSSAGymError
 from jssa_gym.kernels.capsules import measure_agents
 from jssa_gym.kernels.chain import forward, place
@@ -23,7 +24,7 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.safety.projectors import ExactProjector, OSQPProjector
 from jssa_gym.safety.proximity import agent_records, state_rows
 from jssa_gym.shields import JSSAFilter, JSSAShield
-from jssa_gym.types import Array, CapsuleSet, HalfSpaces, Scene, Status
+from jssa_gym.types import Array, HalfSpaces, Scene, Status
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,16 +116,17 @@ def time_projectors(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Arra
 
 def time_distances(robot: RobotModel, scenes: list[tuple[Scene, Array]], rounds: int) -> list[Timing]:
     """All capsule pairs: our kernel against ``mj_geomDistance`` on the same capsules."""
-    import mujoco
-
     frames, segments = records(robot.n, FRAME), records(len(robot.capsules), SEGMENT)
     humans = scenes[0][0].human
     agents = agent_records(humans)
     pairs = records((len(segments), len(agents)), PAIR)
-    model, data, ids = _mujoco_capsules(robot, humans)
+    chosen = [scene for scene, _ in scenes[::10]]
+    ends = np.array([(scene.human.start, scene.human.end) for scene in chosen])
+    oracle = Oracle(robot, ends[:, 0], ends[:, 1], humans.radius, np.zeros((0, 3)), np.zeros(0))
+    geoms = [(one, other) for one in oracle.arm for other in oracle.human]
     ours, theirs = [], []
     for _ in range(rounds):
-        for scene, _ in scenes[::10]:
+        for k, scene in enumerate(chosen):
             state = state_rows(scene.robot)
             agents = agent_records(scene.human, agents)
             start = time.perf_counter()
@@ -132,12 +134,10 @@ def time_distances(robot: RobotModel, scenes: list[tuple[Scene, Array]], rounds:
             place(frames, robot.capsules, segments)
             measure_agents(segments, agents, pairs)
             ours.append(time.perf_counter() - start)
-            middle = (scene.human.start + scene.human.end) / 2.0
-            data.mocap_pos[:] = middle
-            data.qpos[:] = scene.robot.position
+            oracle.place(k)
             start = time.perf_counter()
-            mujoco.mj_kinematics(model, data)
-            distances = [mujoco.mj_geomDistance(model, data, a, b, 10.0, None) for a in ids[0] for b in ids[1]]
+            oracle.move(scene.robot.position)
+            distances = oracle.distances(geoms)
             theirs.append(time.perf_counter() - start)
             if not np.allclose(distances, pairs["distance"].ravel(), atol=1e-6):
                 raise JSSAGymError("MuJoCo and the kernels disagree about a distance; nothing was compared")
@@ -146,27 +146,6 @@ def time_distances(robot: RobotModel, scenes: list[tuple[Scene, Array]], rounds:
         _timing(f"forward kinematics and {count} distances, kernel", ours),
         _timing(f"forward kinematics and {count} distances, mj_geomDistance", theirs),
     ]
-
-
-def _mujoco_capsules(robot: RobotModel, humans: CapsuleSet) -> tuple[Any, Any, tuple[list[int], list[int]]]:
-    import mujoco
-
-    spec = mujoco.MjSpec()
-    arm = mujoco.MjSpec.from_file(str(robot.mjcf))
-    spec.attach(arm, prefix="robot/", frame=spec.worldbody.add_frame(pos=robot.mount.tolist()))
-    for i in range(len(humans.radius)):
-        body = spec.worldbody.add_body(name=f"human {i}", mocap=True)
-        half = (humans.end[i] - humans.start[i]) / 2.0
-        point = bool(np.linalg.norm(half) < 1e-9)
-        kind = mujoco.mjtGeom.mjGEOM_SPHERE if point else mujoco.mjtGeom.mjGEOM_CAPSULE
-        options = {} if point else {"fromto": np.concatenate([-half, half])}
-        body.add_geom(name=f"human {i}", type=kind, size=[humans.radius[i], 0.0, 0.0], **options)
-    model = spec.compile()
-    ids = (
-        [model.geom(f"robot/{name}").id for name in robot.capsule_names],
-        [model.geom(f"human {i}").id for i in range(len(humans.radius))],
-    )
-    return model, mujoco.MjData(model), ids
 
 
 def time_steps(build: Callable[[], gym.Env], name: str, steps: int) -> Timing:

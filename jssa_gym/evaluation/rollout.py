@@ -42,6 +42,26 @@ def _shield_of(env: gym.Env) -> Shield | None:
     return None
 
 
+def _setting(base: Any) -> dict[str, Any]:
+    """What a trace holds once: robot, people and half-spaces as they are after the reset."""
+    scene: Scene = base.scene
+    state, human, planes = scene.robot, scene.human, scene.planes
+    return {
+        "dt": base.dt,
+        "robot": base.robot.name,
+        "dynamics": base.dynamics,
+        "mount": np.array(base.robot.mount),
+        "initial_state": np.array([state.position, state.velocity, state.acceleration]),
+        "initial_human": np.array([human.start, human.end]),
+        "human_radius": np.array(human.radius),
+        "human_person": np.array(human.person),
+        "human_names": human.names,
+        "plane_normal": np.array(planes.normal),
+        "plane_offset": np.array(planes.offset),
+        "plane_names": planes.names,
+    }
+
+
 def rollout(
     env: gym.Env,
     policy: Policy,
@@ -67,9 +87,10 @@ def rollout(
     if shield is not None:
         watch = _Stopwatch(shield.filter)
         shield.filter = watch
-    rows: dict[str, list[Any]] = {field: [] for field in Trace.__dataclass_fields__ if field not in ("name", "dt")}
     try:
         observation, _ = env.reset(seed=seed, options=options)
+        once: dict[str, Any] = {"name": name, **_setting(base)}
+        rows: dict[str, list[Any]] = {field: [] for field in Trace.__dataclass_fields__ if field not in once}
         for _ in range(steps):
             action = policy(observation)
             observation, _, terminated, truncated, info = env.step(action)
@@ -88,6 +109,7 @@ def rollout(
             rows["contact"].append(info["contact"])
             rows["contact_speed"].append(info["contact_speed"])
             rows["status"].append(info.get("shield/status", int(Status.NOMINAL)))
+            rows["reason"].append(info.get("shield/reason", ""))
             rows["intervened"].append(info.get("shield/intervened", False))
             rows["phi"].append(info.get("shield/phi", np.nan))
             rows["shield_time"].append(np.nan if watch is None else watch.elapsed)
@@ -98,4 +120,4 @@ def rollout(
     finally:
         if shield is not None and watch is not None:
             shield.filter = watch.timed
-    return Trace(name=name, dt=base.dt, **{field: np.array(values) for field, values in rows.items()})
+    return Trace(**once, **{field: np.array(values) for field, values in rows.items()})

@@ -1,0 +1,110 @@
+"""The same scene a second time: MuJoCo's kinematics and distances instead of the package's kernels."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jssa_gym.exceptions import RobotModelError
+from jssa_gym.headless import choose_gl_backend
+from jssa_gym.robots import RobotModel
+from jssa_gym.robots.model import COLLISION_GROUP
+from jssa_gym.types import Array
+
+FAR = 10.0
+"""Distance beyond which MuJoCo is not asked how far exactly [m]."""
+
+_POINT = 1e-9
+"""Length under which a capsule's axis is a point [m]."""
+
+
+class Oracle:
+    """An arm, people and half-spaces as MuJoCo sees them: capsules, spheres and planes that collide with nothing.
+
+    Args:
+        robot: The arm, where it stands; it is read from its MJCF file, not from what the kernels use.
+        start, end: Ends of the people's capsules at all moments to look at, shape (s, m, 3) [m].
+        radius: Shape (m,) [m].
+        normal: Of the half-spaces, shape (p, 3).
+        offset: Shape (p,) [m].
+
+    Raises:
+        RobotModelError: The robot's file does not have the capsules that the model has.
+    """
+
+    def __init__(
+        self, robot: RobotModel, start: Array, end: Array, radius: Array, normal: Array, offset: Array
+    ) -> None:
+        choose_gl_backend()
+        import mujoco
+
+        self._mujoco = mujoco
+        spec = mujoco.MjSpec()
+        frame = spec.worldbody.add_frame(pos=robot.mount.tolist())
+        spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf)), prefix="robot/", frame=frame)
+        length = np.linalg.norm(end - start, axis=-1)
+        self._half, self._middle = length / 2.0, (start + end) / 2.0
+        self._turn = _turn((end - start) / np.maximum(length, _POINT)[..., None])
+        for i in range(len(radius)):
+            body = spec.worldbody.add_body(name=f"human {i}", mocap=True)
+            half = float(self._half[:, i].max())
+            kind = mujoco.mjtGeom.mjGEOM_CAPSULE if half > _POINT else mujoco.mjtGeom.mjGEOM_SPHERE
+            body.add_geom(name=f"human {i}", type=kind, size=[radius[i], half, 0.0])
+        for i in range(len(offset)):
+            plane, turn = mujoco.mjtGeom.mjGEOM_PLANE, np.zeros(4)
+            mujoco.mju_quatZ2Vec(turn, normal[i])
+            foot = normal[i] * offset[i]
+            spec.worldbody.add_geom(name=f"plane {i}", type=plane, size=[0.0, 0.0, 1.0], pos=foot, quat=turn)
+        self.model: Any = spec.compile()
+        self.data: Any = mujoco.MjData(self.model)
+        moving = self.model.geom_bodyid > 0
+        arm = np.flatnonzero(moving & (self.model.geom_group == COLLISION_GROUP)).tolist()
+        if len(arm) != len(robot.capsules):
+            raise RobotModelError(f"{robot.mjcf} has {len(arm)} capsules, {robot.name} has {len(robot.capsules)}")
+        self.arm: list[int] = arm
+        """Geom ids of the robot's capsules, in the model's order."""
+        self.human: list[int] = [self.model.geom(f"human {i}").id for i in range(len(radius))]
+        self.planes: list[int] = [self.model.geom(f"plane {i}").id for i in range(len(offset))]
+
+    def place(self, k: int) -> None:
+        """Put the people where they are at moment k; :meth:`move` takes it into account."""
+        self.model.geom_size[self.human, 1] = self._half[k]
+        self.data.mocap_pos[:] = self._middle[k]
+        self.data.mocap_quat[:] = self._turn[k]
+
+    def move(self, position: Array) -> None:
+        """Set the joints, shape (n,) [rad], and find out where everything is."""
+        self.data.qpos[:] = position
+        self._mujoco.mj_kinematics(self.model, self.data)
+
+    def distances(self, pairs: Sequence[tuple[int, int]]) -> list[float]:
+        """Signed surface distances of pairs of geoms, :data:`FAR` where it is more [m]."""
+        model, data, distance = self.model, self.data, self._mujoco.mj_geomDistance
+        return [distance(model, data, one, other, FAR, None) for one, other in pairs]
+
+    def touch(self, one: int, other: int, velocity: Array) -> tuple[Array, Array]:
+        """Where two geoms touch, and how the first one's surface moves there.
+
+        Args:
+            one: Geom of the arm.
+            other: Geom.
+            velocity: Joint velocity, shape (n,) [rad/s].
+
+        Returns:
+            The touching point of each one's surface, shape (2, 3) [m], and the velocity of the first one's material
+            point there, a spinning link's included, shape (3,) [m/s].
+        """
+        mujoco, model, data = self._mujoco, self.model, self.data
+        points, jacobian = np.zeros(6), np.zeros((3, model.nv))
+        mujoco.mj_geomDistance(model, data, one, other, FAR, points)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_jac(model, data, jacobian, None, points[:3], model.geom_bodyid[one])
+        return points.reshape(2, 3), jacobian @ velocity
+
+
+def _turn(axis: Array) -> Array:
+    """Quaternions that turn z into unit vectors or into their opposites, shape (..., 3) to (..., 4)."""
+    # a capsule looks the same upside down, and the direction upwards is never opposite to z
+    x, y, z = np.moveaxis(np.where(axis[..., 2:] < 0.0, -axis, axis), -1, 0)
+    quaternion = np.stack([1.0 + z, -y, x, np.zeros_like(z)], axis=-1)
+    return quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)

@@ -1,0 +1,171 @@
+"""How sure one can be of a rate, a mean and a difference."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.types import Array
+
+
+def clopper_pearson(k: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
+    r"""Exact two-sided interval of a probability after k of n.
+
+    With :math:`\alpha = 1 -` confidence, the :math:`\alpha/2` quantile of :math:`\mathrm{Beta}(k, n-k+1)` and the
+    :math:`1-\alpha/2` quantile of :math:`\mathrm{Beta}(k+1, n-k)`; 0 for k = 0 and 1 for k = n. It covers the truth
+    with at least the confidence, whatever the truth.
+
+    Args:
+        k: How often it happened.
+        n: How often it was tried.
+        confidence: Between 0 and 1.
+
+    Raises:
+        ParameterError: Not 0 <= k <= n with n >= 1 in whole numbers, or no confidence between 0 and 1.
+    """
+    for name, value in (("k", k), ("n", n)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer):
+            raise ParameterError(f"{name} has to be a whole number, got {value!r}")
+    if not (n >= 1 and 0 <= k <= n):
+        raise ParameterError(f"a rate needs 0 <= k <= n with n >= 1, got k = {k}, n = {n}")
+    tail = _tail(confidence)
+    from scipy.special import betaincinv
+
+    low = float(betaincinv(k, n - k + 1, tail)) if k > 0 else 0.0
+    high = float(betaincinv(k + 1, n - k, 1.0 - tail)) if k < n else 1.0
+    return low, high
+
+
+def _tail(confidence: float) -> float:
+    if not 0.0 < confidence < 1.0:
+        raise ParameterError(f"confidence has to be between 0 and 1, got {confidence!r}")
+    return (1.0 - confidence) / 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """k of n, with its interval; in words like ``0 / 1,000 (≤ 0.37 %)``."""
+
+    k: int
+    n: int
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, k: int, n: int, confidence: float = 0.95) -> Self:
+        """The rate with its :func:`clopper_pearson` interval.
+
+        Raises:
+            ParameterError: As there.
+        """
+        return cls(int(k), int(n), *clopper_pearson(k, n, confidence))
+
+    @property
+    def value(self) -> float:
+        """Of k by n."""
+        return self.k / self.n
+
+    def __str__(self) -> str:
+        low, high = _percent(self.low), _percent(self.high)
+        interval = f"≤ {high}" if self.k == 0 else f"≥ {low}" if self.k == self.n else f"{low} to {high}"
+        return f"{self.k:,} / {self.n:,} ({interval})"
+
+
+def _percent(share: float) -> str:
+    """Two digits, and more where the share is almost 1: 99.63 % is not 100 %."""
+    percent = 100.0 * share
+    digits = 2 if percent < 99.0 else 4
+    return f"{percent:.{digits}g} %"
+
+
+def _samples(name: str, values: ArrayLike) -> Array:
+    array = np.array(values, dtype=np.float64)
+    if array.ndim == 0 or len(array) == 0 or not np.all(np.isfinite(array)):
+        raise ParameterError(f"{name} have to be finite numbers, at least one, got shape {array.shape}")
+    return array
+
+
+def bootstrap_interval(
+    values: ArrayLike,
+    statistic: Callable[[Array], Any],
+    seed: int,
+    *,
+    confidence: float = 0.95,
+    resamples: int = 2000,
+) -> tuple[float, float]:
+    """Percentile bootstrap: quantiles of a statistic over resamples with replacement.
+
+    It knows nothing of what was never seen: for rates of rare events take :func:`clopper_pearson`.
+
+    Args:
+        values: One an episode, shape (n,), or one row, shape (n, ...).
+        statistic: Maps as many values to a number, ``numpy.mean`` for instance.
+        seed: Of the resampling.
+        confidence: Between 0 and 1.
+        resamples: How many.
+
+    Raises:
+        ParameterError: No values, values that are not finite, or a confidence or count out of range.
+    """
+    array, tail = _samples("values", values), _tail(confidence)
+    if isinstance(resamples, bool) or not isinstance(resamples, int) or resamples < 1:
+        raise ParameterError(f"resamples has to be a positive integer, got {resamples!r}")
+    rng = np.random.default_rng(seed)
+    drawn = [float(statistic(array[rng.integers(len(array), size=len(array))])) for _ in range(resamples)]
+    low, high = np.quantile(drawn, [tail, 1.0 - tail])
+    return float(low), float(high)
+
+
+@dataclass(frozen=True, slots=True)
+class PairedDifference:
+    """Rate of the first minus rate of the second, both tried on the same seeds."""
+
+    n: int
+    first_only: int
+    """Seeds on which it happened to the first alone."""
+    second_only: int
+    value: float
+    low: float
+    high: float
+    p_value: float
+    """Of McNemar's exact test: how likely so unequal counts are if both rates are equal."""
+
+
+def paired_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> PairedDifference:
+    r"""Difference of two rates over paired seeds.
+
+    Only seeds on which the two differ tell: with :math:`b` on which it happened to the first alone and :math:`c` to
+    the second alone, the difference is :math:`(b-c)/n`. The interval is Bonett and Price's (2012): Wald's for
+    :math:`\tilde p_b = (b+1)/(n+2)` and :math:`\tilde p_c = (c+1)/(n+2)`, so that it has a width even if the two
+    never differed.
+
+    Args:
+        first: Whether it happened, seed by seed, shape (n,).
+        second: The same for the other, shape (n,).
+        confidence: Between 0 and 1.
+
+    Raises:
+        ParameterError: Different lengths, no seed, or something else than yes and no.
+    """
+    one, other = _samples("outcomes", first), _samples("outcomes", second)
+    if one.ndim != 1 or one.shape != other.shape or not np.all(np.isin([one, other], [0.0, 1.0])):
+        raise ParameterError(f"outcomes have to be yes or no, as many each, got shapes {one.shape}, {other.shape}")
+    tail, n = _tail(confidence), len(one)
+    from scipy.special import ndtri
+    from scipy.stats import binomtest
+
+    b, c = int((one > other).sum()), int((one < other).sum())
+    p, q = (b + 1) / (n + 2), (c + 1) / (n + 2)
+    half = float(ndtri(1.0 - tail)) * np.sqrt((p + q - (p - q) ** 2) / (n + 2))
+    return PairedDifference(
+        n=n,
+        first_only=b,
+        second_only=c,
+        value=(b - c) / n,
+        low=float(max(p - q - half, -1.0)),
+        high=float(min(p - q + half, 1.0)),
+        p_value=float(binomtest(b, b + c).pvalue) if b + c else 1.0,
+    )
