@@ -1,17 +1,13 @@
 """What the verified stop assumes about people, sensors and drives; how far an arm's points can swing."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Real
-from typing import Any
 
 import numpy as np
 
-from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
-from jssa_gym.validation import positive_number
+from jssa_gym.validation import number_within, positive_number
 
 LIMBS = ("arm", "hand")
 """A body part whose name contains one of these is an upper limb."""
@@ -45,13 +41,15 @@ class FailsafeParams:
         for name in ("human_speed", "limb_speed", "max_age"):
             object.__setattr__(self, name, positive_number(name, getattr(self, name)))
         for name in ("position_error", "actuation_lag", "tracking_error"):
-            object.__setattr__(self, name, _not_negative(name, getattr(self, name)))
+            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
         speeds = self.contact_speed
         if isinstance(speeds, Mapping):
-            checked = {str(part): _not_negative(f"contact_speed[{part!r}]", speed) for part, speed in speeds.items()}
+            checked = {
+                str(part): number_within(f"contact_speed[{part!r}]", speed, 0.0) for part, speed in speeds.items()
+            }
             object.__setattr__(self, "contact_speed", checked)
         else:
-            object.__setattr__(self, "contact_speed", _not_negative("contact_speed", speeds))
+            object.__setattr__(self, "contact_speed", number_within("contact_speed", speeds, 0.0))
 
     def speed_of(self, part: str) -> float:
         """Speed bound of a body part [m/s]."""
@@ -61,12 +59,6 @@ class FailsafeParams:
         """Allowed speed of the arm when it touches a body part [m/s]."""
         speeds = self.contact_speed
         return float(speeds.get(part, 0.0)) if isinstance(speeds, Mapping) else speeds
-
-
-def _not_negative(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real) or not (math.isfinite(value) and value >= 0.0):
-        raise ParameterError(f"{name} has to be a number of at least 0, got {value!r}")
-    return float(value)
 
 
 def levers(robot: RobotModel) -> Array:

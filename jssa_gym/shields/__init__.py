@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.filter import NoFilter, SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
@@ -13,12 +14,12 @@ __all__ = ["FILTERS", "JSSAFilter", "JSSAShield", "NoFilter", "SafetyFilter", "S
 
 
 def _jssa(robot: RobotModel, dt: float, index: IndexParams | None) -> SafetyFilter:
-    return JSSAFilter(robot, dt, index)
+    return JSSAFilter(robot, dt, index, viability=True, failsafe=FailsafeParams())
 
 
 def _jssa_published(robot: RobotModel, dt: float, index: IndexParams | None) -> SafetyFilter:
     published = index or IndexParams(lambda1=3.0, lambda2=1.0, sliding=False)
-    return JSSAFilter(robot, dt, published, rows="closest", gradient="printed")
+    return JSSAFilter(robot, dt, published, rows="closest", gradient="printed", recovery=0.0)
 
 
 def _none(robot: RobotModel, dt: float, index: IndexParams | None) -> SafetyFilter:

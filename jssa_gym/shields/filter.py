@@ -257,9 +257,7 @@ def _at_present(watch: Watch) -> CapsuleSet:
     if not age.any():
         return human
     late = age[:, None]
-    return human._replace(
-        start=human.start + late * human.start_velocity, end=human.end + late * human.end_velocity
-    )
+    return human._replace(start=human.start + late * human.start_velocity, end=human.end + late * human.end_velocity)
 
 
 class NoFilter(SafetyFilter):

@@ -9,10 +9,11 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jssa_gym.exceptions import InterfaceError
+from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.kernels.motion import scale_nominal
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
@@ -87,8 +88,11 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         """Reset the environment, then the filter with the scene that it starts in."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._source = _provider(self.env, "scene")
-        self.filter.reset(self._source.scene)
+        scene = self._source.scene
+        self.filter.reset(scene)
         self.last_decision = None
+        self._report(info, self.filter.decide(scene, np.zeros(self._n)), 0.0)
+        self.filter.reset(scene)
         return observation, info
 
     def _scene(self) -> Scene | None:
@@ -119,6 +123,11 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
                 correction = float(np.abs(applied - fraction).max())
             action = applied
         observation, reward, terminated, truncated, info = self.env.step(action)
+        self._report(info, decision, correction)
+        return observation, reward, terminated, truncated, info
+
+    @staticmethod
+    def _report(info: dict[str, Any], decision: Decision, correction: float) -> None:
         info["shield/status"] = int(decision.status)
         info["shield/reason"] = decision.reason
         info["shield/intervened"] = not correction <= _CORRECTION
@@ -126,7 +135,6 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         info["shield/correction"] = correction
         info["shield/robot_pair"], info["shield/human_pair"] = decision.pair
         info["shield/slack"] = float(decision.slack)
-        return observation, reward, terminated, truncated, info
 
 
 def _same_robot(one: RobotModel, other: RobotModel) -> bool:
@@ -144,8 +152,9 @@ def _same_robot(one: RobotModel, other: RobotModel) -> bool:
 class JSSAShield(Shield):
     r"""The jerk-based safe set algorithm around any environment of an arm.
 
-    Projects the policy's jerk into the safe set: exact rows of all robot-human pairs, exact projection. The paper's
-    own form is :meth:`as_published`.
+    Projects the policy's jerk into the safe set (exact rows of all robot-human pairs, exact projection) inside bounds
+    that keep the joint limits, and applies it only if a verified stop follows it. The paper's own form is
+    :meth:`as_published`.
 
     Args:
         env: The environment; see :class:`Shield` for what it has to offer.
@@ -154,6 +163,9 @@ class JSSAShield(Shield):
         d_min: Safety margin :math:`d_{min}` [m].
         rows, gradient, projector, weight, static_rows: See :class:`~jssa_gym.shields.jssa.JSSAFilter`.
         sliding: See :class:`~jssa_gym.safety.index.IndexParams`.
+        recovery: Share of what a step can change by which an index above 0 has to fall; 0 asks for 0 at once.
+        viability: Whether the jerk is kept in bounds that keep the position, velocity and acceleration limits.
+        failsafe: Whether a jerk is applied only if a verified stop follows it; or under which assumptions.
 
     Raises:
         InterfaceError: The environment lacks an attribute.
@@ -173,6 +185,9 @@ class JSSAShield(Shield):
         weight: ArrayLike | Sequence[float] | None = None,
         static_rows: bool = False,
         sliding: bool = False,
+        recovery: float = 0.5,
+        viability: bool = True,
+        failsafe: bool | FailsafeParams = True,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
             self,
@@ -185,7 +200,16 @@ class JSSAShield(Shield):
             weight=None if weight is None else np.asarray(weight, object).tolist(),  # JSON can hold it
             static_rows=static_rows,
             sliding=sliding,
+            recovery=recovery,
+            viability=viability,
+            failsafe=failsafe,
         )
+        if failsafe is True:
+            failsafe = FailsafeParams()
+        elif failsafe is False:
+            failsafe = None
+        elif not isinstance(failsafe, FailsafeParams):
+            raise ParameterError(f"failsafe has to be True, False or FailsafeParams, got {failsafe!r}")
         index = IndexParams(d_min=d_min, lambda1=lambda1, lambda2=lambda2, sliding=sliding)
         robot, dt = _provider(env, "robot").robot, _provider(env, "dt").dt
         if not isinstance(robot, RobotModel):
@@ -201,6 +225,9 @@ class JSSAShield(Shield):
                 projector=projector,
                 weight=weight,
                 static_rows=static_rows,
+                recovery=recovery,
+                viability=viability,
+                failsafe=failsafe,
             ),
         )
 
@@ -218,5 +245,7 @@ class JSSAShield(Shield):
             d_min=d_min,
             rows="closest",
             gradient="printed",
-            sliding=False,
+            recovery=0.0,
+            viability=False,
+            failsafe=False,
         )
