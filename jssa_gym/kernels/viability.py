@@ -61,6 +61,9 @@ def jerk_box(state, bounds, tau, lower, upper):
         least_keeps, most_keeps = recoverable(q, v, a, least, limits, tau), recoverable(q, v, a, most, limits, tau)
         if not (least_keeps and most_keeps):
             good = brake = stop_joint(v, a, J, A, tau)[3]
+            if abs(brake) <= J * (1.0 + 1e-9):
+                # rounding must not put it outside the interval it is to be an end of
+                good = brake = min(max(brake, least), most)
             if not recoverable(q, v, a, brake, limits, tau):
                 if not (least_keeps or most_keeps):
                     lower[i] = upper[i] = brake if abs(brake) <= J else 0.0
