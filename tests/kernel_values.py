@@ -13,7 +13,9 @@ from jssa_gym.kernels.motion import brake, integrate, scale_action, violates
 from jssa_gym.kernels.printed import measure_present, printed_rows
 from jssa_gym.kernels.projection import project_row, project_rows, scratch, violation
 from jssa_gym.kernels.reach import nearest_to_point, nearest_to_walker
-from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, STOP, records
+from jssa_gym.kernels.stopping import peak_speed, plan_stop, step_keeps, stop_at, stop_jerk, stop_keeps
+from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.robots import make_robot
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.proximity import agent_records
@@ -100,6 +102,24 @@ def main() -> None:
         limits = robot.limits
         rows = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
         keep("violates", [violates(state, jerk, rows, 1e-9)])
+
+        plan, lower = records(n, STOP), np.zeros(n)
+        keep("stop", plan_stop(state, rows, TAU, plan))
+        for name in ("ramp", "hold", "release", "jerk_in", "jerk_out"):
+            keep(f"stop {name}", plan[name])
+        for i, (q, v, a) in enumerate(state.T):
+            for t in (0.0, 0.05, 0.3, 10.0):
+                keep("stop at", stop_at(q, v, a, plan[i], TAU, t))
+                keep("peak speed", peak_speed(v, a, plan[i], TAU, t))
+            for scale in (1.0, 0.2):
+                keep("stop keeps", stop_keeps(q, v, a, plan[i], *(scale * rows[:, i]), TAU, 1e-9))
+                keep("step keeps", step_keeps(q, v, a, jerk[i], *(scale * rows[:, i]), TAU, 1e-9))
+        for tick in (0, 20, 30, 200):
+            stop_jerk(plan, tick, out)
+            keep("stop jerk", out)
+        for scale in (1.0, 0.4):
+            keep("box complete", jerk_box(state, scale * rows, TAU, lower, out))
+            keep("box", [*lower, *out])
     assert records(1, AGENT).size == 1
     print(json.dumps(result))
 

@@ -68,19 +68,22 @@ def stop_joint(v, a, J, A, tau):
     sign = -1.0 if v + a * abs(a) / (2.0 * J) < 0.0 else 1.0
     x, a = sign * v / tau, sign * a
     peak = min(np.sqrt(max(step * x + a * a / 2.0, 0.0)), A)
+    rise, fall = abs(a + peak) / step, peak / step
+    cruise = max((x + (a - peak) / 2.0 * rise) / peak - fall / 2.0, 0.0) if peak > 0.0 else 0.0
     # rounding must not cost a tick where the parts are whole numbers of them; whether it does harm, _hold sees
-    ramp = max(np.ceil(abs(a + peak) / step - 1e-6), 1.0)
-    release = max(np.ceil(peak / step - 1e-6), 1.0)
+    first, last = max(np.ceil(rise - 1e-6), 1.0), max(np.ceil(fall - 1e-6), 1.0)
+    ramp, release = first, last
     hold = _hold(x, a, ramp, release, step, A)
-    if hold < 0.0:
-        # The joint is about to release a braking acceleration and has a little more speed than that takes away:
-        # do it in one slow ramp. A ramp of |a| / step + 1 ticks always will do, at most two more than the first.
-        ramp, release = ramp + release - 1.0, 1.0
-        for _ in range(4):
-            hold = _hold(x, a, ramp, release, step, A)
-            if hold >= 0.0:
-                break
-            ramp += 1.0
+    best = ramp + hold + release if hold >= 0.0 else np.inf
+    if not (best <= rise + cruise + fall + 2.0):
+        # Rounded up like this the parts do not fit, or only with many ticks to hold. Of their neighbours, and of one
+        # slow ramp instead of ramp and release, the shortest: a ramp of |a| / step + 1 ticks always will do.
+        for more in range(1, 5):
+            for start, end in ((first + more, last), (first, last + more), (first + last - 2.0 + more, 1.0)):
+                middle = _hold(x, a, start, end, step, A)
+                if middle >= 0.0 and start + middle + end < best:
+                    ramp, hold, release = start, middle, end
+                    best = start + middle + end
     if not (hold >= 0.0 and ramp + hold + release <= LONGEST):
         return 0, 0, 0, np.nan, np.nan
     alpha = (x + a * ramp / 2.0) / (ramp / 2.0 + hold + release / 2.0)

@@ -1,5 +1,7 @@
 """Jerks after which every joint can still stop within its limits."""
 
+import numpy as np
+
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import advance
 from jssa_gym.kernels.stopping import parts_keep, step_keeps, stop_joint
@@ -60,13 +62,11 @@ def jerk_box(state, bounds, tau, lower, upper):
         least, most = max(-J, (-A - a) / tau), min(J, (A - a) / tau)  # the acceleration limit is known exactly
         least_keeps, most_keeps = recoverable(q, v, a, least, limits, tau), recoverable(q, v, a, most, limits, tau)
         if not (least_keeps and most_keeps):
-            good = brake = stop_joint(v, a, J, A, tau)[3]
-            if abs(brake) <= J * (1.0 + 1e-9):
-                # rounding must not put it outside the interval it is to be an end of
-                good = brake = min(max(brake, least), most)
-            if not recoverable(q, v, a, brake, limits, tau):
+            brake = stop_joint(v, a, J, A, tau)[3]
+            good = min(max(brake, least), most)  # rounding may have put it outside
+            if not recoverable(q, v, a, good, limits, tau):
                 if not (least_keeps or most_keeps):
-                    lower[i] = upper[i] = brake if abs(brake) <= J else 0.0
+                    lower[i] = upper[i] = min(max(brake, -J), J) if np.isfinite(brake) else 0.0
                     complete = False
                     continue
                 good = least if least_keeps else most
