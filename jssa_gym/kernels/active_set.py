@@ -1,14 +1,12 @@
 r"""Dual active set of Goldfarb and Idnani (1983), and the least violation of rows that exclude each other.
 
-Everything happens in scaled jerks :math:`x = (u - m) / s`, m the middle of the box and s its half width, so the box is
-:math:`|x_k| \le 1` (:math:`x_k = 0` for a joint that is held). Constraints are numbered: rows first, then the lower
-bounds, then the upper ones. With :math:`V^{-1} = J J^\top`, J is turned such that the active normals are
-:math:`N = J^{-\top}_1 R` with R upper triangular; the other columns of J span what is still free. Both are turned on as
-constraints come and go, so nothing is squared and nearly parallel rows stay tellable apart.
+Constraints are numbered: rows first, then the lower bounds of the jerks, then the upper ones. Normals and steps are in
+scaled jerks, :math:`(u - \bar u) / s` with s half the width of the box.
 """
 
 import numpy as np
 
+from jssa_gym.kernels.factor import add, drop, turn_in
 from jssa_gym.kernels.jit import jit
 
 _ROUNDING = 1e-12
@@ -18,29 +16,7 @@ _DEPENDENT = 1e-22
 """Squared sine of the angle under which a normal counts as a combination of the active ones."""
 
 _NEGLIGIBLE = 1e-9
-"""Part of a proof of infeasibility, or of the least violation, that does not count."""
-
-
-@jit
-def _turn_in(constraint, count, L, scale, J, d):
-    r"""Normal of a constraint in the frame of J, :math:`d = J^\top \mathrm{normal}`; returns its squared length."""
-    n, square = scale.shape[0], 0.0
-    for j in range(n):
-        d[j] = 0.0
-    for k in range(n):
-        if constraint < count:
-            part = L[constraint, k] * scale[k]
-        elif constraint == count + k:
-            part = 1.0
-        elif constraint == count + n + k:
-            part = -1.0
-        else:
-            continue
-        for j in range(n):
-            d[j] += part * J[k, j]
-    for j in range(n):
-        square += d[j] * d[j]
-    return square
+"""Relative part of a proof of infeasibility, or of the least violation, that does not count."""
 
 
 @jit
@@ -50,46 +26,6 @@ def _row_gap(row, L, granted, u):
     for k in range(L.shape[1]):
         gap -= L[row, k] * u[k]
     return gap
-
-
-@jit
-def _drop(position, used, n, active, multiplier, J, R):
-    """Take one constraint out of the active ones: R loses a column and is made triangular again (Givens)."""
-    for a in range(position, used - 1):
-        active[a] = active[a + 1]
-        multiplier[a] = multiplier[a + 1]
-        for i in range(a + 2):
-            R[i, a] = R[i, a + 1]
-        length = np.sqrt(R[a, a] * R[a, a] + R[a + 1, a] * R[a + 1, a])
-        c = R[a, a] / length
-        s = R[a + 1, a] / length
-        for b in range(a, used):
-            upper = R[a, b]
-            R[a, b] = c * upper + s * R[a + 1, b]
-            R[a + 1, b] = c * R[a + 1, b] - s * upper
-        for i in range(n):
-            left = J[i, a]
-            J[i, a] = c * left + s * J[i, a + 1]
-            J[i, a + 1] = c * J[i, a + 1] - s * left
-    multiplier[used - 1] = multiplier[used]
-    return used - 1
-
-
-@jit
-def _add(used, n, d, slope, J, R):
-    """Make the constraint with the normal d the last active one: J is turned by a reflection (Householder)."""
-    pivot = -np.sqrt(slope) if d[used] > 0.0 else np.sqrt(slope)
-    for i in range(used):
-        R[i, used] = d[i]
-    R[used, used] = pivot
-    d[used] -= pivot
-    for i in range(n):
-        along = 0.0
-        for j in range(used, n):
-            along += J[i, j] * d[j]
-        along /= pivot * d[used]
-        for j in range(used, n):
-            J[i, j] += along * d[j]
 
 
 @jit
@@ -126,7 +62,7 @@ def _restate(used, count, L, granted, nominal, lower, upper, scale, active, mult
                 lowest, dropped = multiplier[a], a
         if dropped < 0:
             return used
-        used = _drop(dropped, used, n, active, multiplier, J, R)
+        used = drop(dropped, used, n, active, multiplier, J, R)
 
 
 @jit
@@ -166,16 +102,62 @@ def _most_violated(used, count, L, granted, u, lower, upper, scale, active):
 
 
 @jit
-def _grant(gap, size, active, response, first, S, count, least, others, decides, granted):
+def _admit(chosen, gap, used, count, L, scale, active, multiplier, rate, d, J, R, u):
+    """Move to where one more constraint holds, past those whose multipliers vanish on the way.
+
+    Returns:
+        The number of active constraints and 0; or, if no jerk keeps the chosen one and those then active, how much it
+        lacks. The proof is in ``active`` and, as negative weights, in ``rate``, the chosen one last.
+    """
+    n = scale.shape[0]
+    active[used] = chosen
+    multiplier[used] = 0.0
+    while True:
+        square, slope = turn_in(chosen, count, L, scale, J, d), 0.0
+        for j in range(used, n):
+            slope += d[j] * d[j]
+        # as the multiplier of the chosen grows, the others fall at the rate `rate` until the first one vanishes
+        partial, dropped = np.inf, np.int64(-1)
+        for a in range(used - 1, -1, -1):
+            rate[a] = d[a]
+            for b in range(a + 1, used):
+                rate[a] -= R[a, b] * rate[b]
+            rate[a] /= R[a, a]
+            if rate[a] > 0.0 and multiplier[a] < partial * rate[a]:
+                partial, dropped = multiplier[a] / rate[a], a
+        full = gap / slope if slope > _DEPENDENT * square else np.inf
+        length = min(partial, full)
+        if length == np.inf:
+            rate[used] = -1.0
+            return used, gap
+        for a in range(used):
+            multiplier[a] = max(multiplier[a] - length * rate[a], 0.0)
+        multiplier[used] += length
+        if full < np.inf:
+            for k in range(n):
+                step = 0.0
+                for j in range(used, n):
+                    step += J[k, j] * d[j]
+                u[k] += length * scale[k] * step
+            gap -= length * slope
+        if full <= partial:
+            add(used, n, d, slope, J, R)
+            return used + 1, 0.0
+        used = drop(dropped, used, n, active, multiplier, J, R)
+        active[used] = chosen
+
+
+@jit
+def _grant(gap, size, active, rate, first, S, count, least, others, decides, granted):
     """Grant the rows what a proof of infeasibility asks for; the new least violation and that of the other rows.
 
-    The proof weighs the ``size`` constraints in ``active`` with the negative of ``response`` and leaves ``gap``.
+    The proof weighs the ``size`` constraints in ``active`` with the negative of ``rate`` and leaves ``gap``.
     """
     total = undecided = 0.0
     for a in range(size):
-        if active[a] < count and response[a] < 0.0:
-            total -= response[a]
-            undecided -= response[a] if first or decides[active[a]] == 0.0 else 0.0
+        if active[a] < count and rate[a] < 0.0:
+            total -= rate[a]
+            undecided -= rate[a] if first or decides[active[a]] == 0.0 else 0.0
     bound = 0.0
     if undecided <= _NEGLIGIBLE * total:
         # all of them keep the least violation already: it was short by rounding
@@ -191,7 +173,7 @@ def _grant(gap, size, active, response, first, S, count, least, others, decides,
     if bound >= least * (1.0 - _NEGLIGIBLE):
         others = 0.0
         for a in range(size):
-            if active[a] < count and -response[a] > _NEGLIGIBLE * total:
+            if active[a] < count and -rate[a] > _NEGLIGIBLE * total:
                 decides[active[a]] = 1.0
     for i in range(count):
         granted[i] = S[i] - (least if first or decides[i] > 0.0 else others)
@@ -204,11 +186,11 @@ def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors,
 
     Constraint after constraint is added, most violated first; one that blocks with a vanishing multiplier is dropped.
     If nothing blocks and nothing is free, the constraints exclude each other, and multipliers :math:`\lambda \ge 0`
-    prove it: the normals weighed with them cancel, the right-hand sides do not. No jerk violates all rows of the proof
-    by less than that gap over :math:`\sum \lambda` more, so this much is granted to every row, and the search goes on
-    from where it is. What has been granted at its end is the least, exactly: it suffices, and a proof asked for it.
-    Then the rows of the last proof keep it and all others start again with nothing, so that one hopeless row does not
-    switch off those that can be kept.
+    prove it (Farkas): the normals weighed with them cancel, the right-hand sides leave a gap. Whatever the jerk, one
+    row of the proof then lacks :math:`\mathrm{gap} / \sum \lambda` or more. That much is granted to every row, and the
+    search goes on from where it is. What has been granted at its end is the least, not nearly so: it suffices, and a
+    proof asked for it. Then the rows of that proof keep it and all others start again with nothing, so that one
+    hopeless row does not switch off those that can be kept.
 
     Args:
         nominal: Nominal jerk, shape (n,) [rad/s³].
@@ -228,18 +210,18 @@ def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors,
         Whether a solution was found; if not, ``out`` is undefined.
     """
     n = nominal.shape[0]
-    multiplier, response, d, u = vectors[0], vectors[1], vectors[2], vectors[3]
+    multiplier, rate, d, u = vectors[0], vectors[1], vectors[2], vectors[3]
     used, stale, found = np.int64(0), True, False
-    # the first conflict makes arrays of them: `granted` is what is left of S, `decides` is 1 for rows of the last proof
+    # arrays of their own from the first conflict on: what is left of S, and 1 for the rows that decide about `least`
     granted, decides, least, others, level = S, S, 0.0, 0.0, 0
     for _ in range(50 * (count + 2 * n)):
         if stale:
-            used = _restate(used, count, L, granted, nominal, lower, upper, scale, active, multiplier, response, J, R, u)
+            used = _restate(used, count, L, granted, nominal, lower, upper, scale, active, multiplier, rate, J, R, u)
         chosen, gap = _most_violated(used, count, L, granted, u, lower, upper, scale, active)
         if np.isnan(gap):
             break
         if chosen < 0:
-            if not stale:
+            if not stale:  # once more on exact numbers
                 stale = True
                 continue
             for k in range(n):
@@ -251,46 +233,12 @@ def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors,
             for i in range(count):
                 granted[i] = S[i] - least * decides[i]
             continue
-        stale, conflict = False, False
-        multiplier[used] = 0.0
-        while True:
-            square, slope = _turn_in(chosen, count, L, scale, J, d), 0.0
-            for j in range(used, n):
-                slope += d[j] ** 2
-            partial, dropped = np.inf, np.int64(-1)
-            for a in range(used - 1, -1, -1):
-                response[a] = d[a]
-                for b in range(a + 1, used):
-                    response[a] -= R[a, b] * response[b]
-                response[a] /= R[a, a]
-                if response[a] > 0.0 and multiplier[a] < partial * response[a]:
-                    partial, dropped = multiplier[a] / response[a], a
-            full = gap / slope if slope > _DEPENDENT * square else np.inf
-            length = min(partial, full)
-            if length == np.inf:
-                conflict = True
-                break
-            for a in range(used):
-                multiplier[a] = max(multiplier[a] - length * response[a], 0.0)
-            multiplier[used] += length
-            if full < np.inf:
-                for k in range(n):
-                    step = 0.0
-                    for j in range(used, n):
-                        step += J[k, j] * d[j]
-                    u[k] += length * scale[k] * step
-                gap -= length * slope
-            if full <= partial:
-                active[used] = chosen
-                _add(used, n, d, slope, J, R)
-                used += 1
-                break
-            used = _drop(dropped, used, n, active, multiplier, J, R)
-        if conflict:
+        used, gap = _admit(chosen, gap, used, count, L, scale, active, multiplier, rate, d, J, R, u)
+        stale = gap > 0.0
+        if stale:
             if level == 0:
                 level, granted, decides = 1, np.zeros(count), np.zeros(count)
-            active[used], response[used], stale = chosen, -1.0, True
-            least, others = _grant(gap, used + 1, active, response, level == 1, S, count, least, others, decides, granted)
+            least, others = _grant(gap, used + 1, active, rate, level == 1, S, count, least, others, decides, granted)
             if not (least < np.inf):
                 break
     return found

@@ -182,6 +182,7 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
     if clip(nominal, lower, upper, out) and violation(L, S, count, out) <= 0.0:
         return True, 0.0
     J, R, vectors = floats[0], floats[1], floats[2]
+    # nearest() uses the first four vectors
     scale, tolerance = vectors[4, :n], 1.0
     for k in range(n):
         half = (upper[k] - lower[k]) / 2.0
@@ -191,6 +192,7 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
     tolerance *= _TOLERANCE
     finite = _root(inverse_weight, scale, J)
     for i in range(count):
+        finite = finite and S[i] < np.inf
         for k in range(n):
             finite = finite and np.isfinite(L[i, k])
     if finite and nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors, active, out):
