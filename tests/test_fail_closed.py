@@ -140,6 +140,17 @@ def test_an_unsolvable_projection_does_not_answer_with_the_nominal() -> None:
     np.testing.assert_array_equal(out, np.zeros(3))
 
 
+@pytest.mark.parametrize("where", ["L", "S"])
+def test_an_infinite_row_is_not_projected_onto(where: str) -> None:
+    L, S, out = np.eye(2, 3), np.full(2, 0.5), np.zeros(3)
+    (L if where == "L" else S)[(1, 0) if where == "L" else 1] = np.inf
+    bound = np.ones(3)
+    feasible, left = project_rows(-0.9 * bound, L, S, 2, -bound, bound, np.eye(3), *scratch(3), out)
+    assert not feasible
+    assert np.isnan(left)
+    np.testing.assert_array_equal(out, np.zeros(3))
+
+
 def test_one_hopeless_row_does_not_switch_off_the_others() -> None:
     """Row 1 is beyond every jerk; row 2 can be kept besides, so it has to be."""
     lower, upper, out = -np.full(6, 60.0), np.full(6, 60.0), np.zeros(6)

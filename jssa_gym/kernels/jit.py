@@ -46,14 +46,17 @@ def _cache_directory() -> Path | None:
 
 CACHE_DIRECTORY = _cache_directory()
 
+# nobody calls kernels from C: without those wrappers everything compiles faster
+_FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+
 
 def jit(function: Callable[..., Any]) -> Any:
     """Compile a kernel on first use: cached on disk, IEEE arithmetic, division by zero gives inf."""
     if CACHE_DIRECTORY is None:
-        return njit(error_model="numpy")(function)
+        return njit(**_FLAGS)(function)
     previous = config.CACHE_DIR
     config.CACHE_DIR = str(CACHE_DIRECTORY)
     try:
-        return njit(cache=True, error_model="numpy")(function)
+        return njit(cache=True, **_FLAGS)(function)
     finally:
         config.CACHE_DIR = previous

@@ -8,22 +8,17 @@ computed from the jerk they return.
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.kernels.active_set import nearest
 from jssa_gym.kernels.jit import jit
 
-_TOLERANCE = 1e-12
-"""Violation left over by the active-set method, relative to rows of unit length in the scaled metric."""
-
-_DEPENDENT = 1e-11
-"""Relative length under which a normal counts as a combination of the active ones."""
-
-_SLACK_WEIGHT = 1e9
-"""Weight of the common slack when the rows are infeasible, relative to jerks scaled by their range."""
+_TOLERANCE = 1e-10
+"""Violation that counts as rounding, not as infeasibility, relative to the larger of 1 m² and S."""
 
 
 def scratch(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Memory for :func:`project_rows` with n joints."""
     size = max(n + 2, 8)
-    return np.zeros((5, size, size)), np.zeros(size, np.int64)
+    return np.zeros((3, size, size)), np.zeros(size, np.int64)
 
 
 @jit
@@ -141,183 +136,24 @@ def _settle(row, right, lower, upper, weight, u):
 
 
 @jit
-def _softness(mode, soft, row):
-    """Whether a row is granted the slack: mode 0 no row, 1 every row, 2 those that ``soft`` says."""
-    return float(mode) if mode < 2 else soft[row]
-
-
-@jit
-def _normal(constraint, count, n, mode, soft, L, scales, normal):
-    """Normal of a constraint in scaled variables; rows first, then lower and upper bounds, then the slack's."""
-    for k in range(n + 1):
-        normal[k] = 0.0
-    if constraint < count:
-        for k in range(n):
-            normal[k] = L[constraint, k] * scales[k]
-        normal[n] = _softness(mode, soft, constraint)
-    elif constraint < count + n:
-        normal[constraint - count] = 1.0
-    elif constraint < count + 2 * n:
-        normal[constraint - count - n] = -1.0
-    else:
-        normal[n] = 1.0
-
-
-@jit
-def _solve_gram(gram, size, right, x):
-    """Solve the small symmetric positive definite system in place by Cholesky; False if it is singular."""
-    for i in range(size):
-        for j in range(i + 1):
-            total = gram[i, j]
-            for k in range(j):
-                total -= gram[i, k] * gram[j, k]
-            if i == j:
-                if not (total > 0.0):
-                    return False
-                gram[i, i] = np.sqrt(total)
-            else:
-                gram[i, j] = total / gram[j, j]
-    for i in range(size):
-        total = right[i]
-        for k in range(i):
-            total -= gram[i, k] * x[k]
-        x[i] = total / gram[i, i]
-    for i in range(size - 1, -1, -1):
-        total = x[i]
-        for k in range(i + 1, size):
-            total -= gram[k, i] * x[k]
-        x[i] = total / gram[i, i]
-    return True
-
-
-@jit
-def _dual_active_set(
-    nominal, L, S, count, lower, upper, scales, inverse, mode, soft, normals, mapped, gram, vectors, active, x
-):
-    """Goldfarb and Idnani's method in scaled variables, the slack last.
-
-    Returns:
-        The number of active constraints, whose numbers are in ``active``; -1 if no solution was found.
-
-    The nominal is the unconstrained optimum. Constraint after constraint is added, most violated first; one that
-    blocks with a vanishing multiplier is dropped. ``inverse`` (n+1, n+1) is the inverse of the scaled V.
-    """
-    n = nominal.shape[0]
-    size = n + 1
-    total = count + 2 * n + (1 if mode > 0 else 0)
-    right, response, step, multiplier, normal, image = (
-        vectors[0],
-        vectors[1],
-        vectors[2],
-        vectors[3],
-        vectors[4],
-        vectors[5],
-    )
-    used, free = 0, size if mode > 0 else n
-    for k in range(n):
-        x[k] = nominal[k] / scales[k]
-    x[n] = 0.0
-
-    for _ in range(20 * (total + 1)):
-        # the most violated constraint, in the metric of V
-        # the slack's weight makes multipliers, and with them rounding, large
-        worst, chosen = _TOLERANCE if mode == 0 else 1e4 * _TOLERANCE, -1
-        for c in range(total):
-            taken = False
-            for a in range(used):
-                if active[a] == c:
-                    taken = True
-                    break
-            if taken:
+def _root(inverse_weight, scale, root):
+    r"""Lower triangular root of :math:`V^{-1}` in units of ``scale`` (Cholesky); False if there is none."""
+    n = scale.shape[0]
+    for i in range(n):
+        for j in range(n):
+            if j > i:
+                root[i, j] = 0.0
                 continue
-            if c < count:
-                softness = _softness(mode, soft, c)
-                gap = S[c] - softness * x[n]
-                for i in range(n):
-                    gap -= L[c, i] * scales[i] * x[i]
-                if gap <= 0.0:
-                    continue
-                length2 = softness * inverse[n, n]
-                for i in range(n):
-                    li = L[c, i] * scales[i]
-                    length2 += li * inverse[i, i] * li
-                    for j in range(i):
-                        length2 += 2.0 * li * inverse[i, j] * L[c, j] * scales[j]
-                gap /= np.sqrt(length2) if length2 > 0.0 else 1.0
-            elif c < count + n:
-                k = c - count
-                gap = (lower[k] / scales[k] - x[k]) / np.sqrt(inverse[k, k])
-            elif c < count + 2 * n:
-                k = c - count - n
-                gap = (x[k] - upper[k] / scales[k]) / np.sqrt(inverse[k, k])
+            total = inverse_weight[i, j] / (scale[i] * scale[j])
+            for k in range(j):
+                total -= root[i, k] * root[j, k]
+            if i > j:
+                root[i, j] = total / root[j, j]
+            elif total > 0.0:
+                root[i, i] = np.sqrt(total)
             else:
-                gap = -x[n] / np.sqrt(inverse[n, n])
-            if np.isnan(gap):
-                return -1
-            if gap > worst:
-                worst, chosen = gap, c
-        if chosen < 0:
-            return used
-        _normal(chosen, count, n, mode, soft, L, scales, normal)
-        normal2 = 0.0
-        for i in range(size):
-            image[i] = 0.0
-            for j in range(size):
-                image[i] += inverse[i, j] * normal[j]
-        for i in range(size):
-            normal2 += normal[i] * image[i]
-        gap = worst * np.sqrt(normal2)
-        multiplier[used] = 0.0
-        added = False
-        while not added:
-            for a in range(used):
-                right[a] = 0.0
-                for i in range(size):
-                    right[a] += normals[a, i] * image[i]
-                for b in range(a + 1):
-                    gram[a, b] = 0.0
-                    for i in range(size):
-                        gram[a, b] += normals[a, i] * mapped[b, i]
-            if not _solve_gram(gram, used, right, response):
-                return -1
-            slope = 0.0
-            for i in range(size):
-                step[i] = image[i]
-                for a in range(used):
-                    step[i] -= mapped[a, i] * response[a]
-                slope += step[i] * normal[i]
-            partial, dropped = np.inf, -1
-            for a in range(used):
-                if response[a] > 0.0 and multiplier[a] / response[a] < partial:
-                    partial, dropped = multiplier[a] / response[a], a
-            full = gap / slope if slope > _DEPENDENT * normal2 and used < free else np.inf
-            length = min(partial, full)
-            if length == np.inf:
-                return -1
-            for a in range(used):
-                multiplier[a] = max(multiplier[a] - length * response[a], 0.0)
-            multiplier[used] += length
-            if full != np.inf:
-                for i in range(size):
-                    x[i] += length * step[i]
-                gap -= length * slope
-            if full <= partial:
-                active[used] = chosen
-                for i in range(size):
-                    normals[used, i] = normal[i]
-                    mapped[used, i] = image[i]
-                used += 1
-                added = True
-            else:
-                used -= 1
-                for a in range(dropped, used):
-                    active[a] = active[a + 1]
-                    multiplier[a] = multiplier[a + 1]
-                    for i in range(size):
-                        normals[a, i] = normals[a + 1, i]
-                        mapped[a, i] = mapped[a + 1, i]
-                multiplier[used] = multiplier[used + 1]
-    return -1
+                return False
+    return True
 
 
 @jit
@@ -334,7 +170,7 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
         count: Number of rows.
         lower, upper: Jerk bounds, shape (n,) [rad/s³].
         inverse_weight: Inverse of V, symmetric positive definite, shape (n, n).
-        floats: Scratch, shape (5, N, N) with N ≥ max(n + 2, 8); see :func:`scratch`.
+        floats: Scratch, shape (3, N, N) with N ≥ max(n + 2, 8); see :func:`scratch`.
         active: Scratch, int64, shape (N,).
         out: Result, shape (n,) [rad/s³].
 
@@ -345,77 +181,25 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
     n = nominal.shape[0]
     if clip(nominal, lower, upper, out) and violation(L, S, count, out) <= 0.0:
         return True, 0.0
-    size = n + 1
-    inverse, normals, mapped, gram, vectors = floats[0], floats[1], floats[2], floats[3], floats[4]
-    scales, x = vectors[6], vectors[7]
-    # jerks in units of their half range, the metric normalised to order one
-    mean = 0.0
+    J, R, vectors = floats[0], floats[1], floats[2]
+    # nearest() uses the first four vectors
+    scale, tolerance = vectors[4, :n], 1.0
     for k in range(n):
         half = (upper[k] - lower[k]) / 2.0
-        scales[k] = half if half > 0.0 else 1.0
-        mean += inverse_weight[k, k] / scales[k] ** 2 / n
-    for i in range(size):
-        for j in range(size):
-            inverse[i, j] = 0.0
-    for i in range(n):
-        for j in range(n):
-            inverse[i, j] = inverse_weight[i, j] / (scales[i] * scales[j] * mean)
-    # the larger the violation to be granted, the less its weight: their product is what rounding is relative to
-    size_of_rows = 1.0
+        scale[k] = half if half > 0.0 else 1.0
     for i in range(count):
-        size_of_rows = max(size_of_rows, 10.0 * abs(S[i]))
-    inverse[n, n] = size_of_rows / _SLACK_WEIGHT
-
-    mode, used, soft, right, least, kept = 0, -1, S, S, np.inf, out
-    # One call site only: the method is long, and compiled into every place it is called from. Without a solution
-    # (mode 0) all rows get the same slack (1); then the rows that decide about its size keep it, and the others try
-    # to do with less (2), so that one hopeless row does not switch off those that can be kept.
-    for attempt in range(3):
-        found = _dual_active_set(
-            nominal,
-            L,
-            right,
-            count,
-            lower,
-            upper,
-            scales,
-            inverse,
-            mode,
-            soft,
-            normals,
-            mapped,
-            gram,
-            vectors,
-            active,
-            x,
-        )
-        if found < 0 and attempt == 2:
-            break
-        used = found
-        if found < 0:
-            mode = 1
-            continue
+        tolerance = max(tolerance, S[i])
+    tolerance *= _TOLERANCE
+    finite = _root(inverse_weight, scale, J)
+    for i in range(count):
+        finite = finite and S[i] < np.inf
         for k in range(n):
-            out[k] = min(max(x[k] * scales[k], lower[k]), upper[k])
-        if mode == 0 and not (violation(L, S, count, out) <= 1e-10 * size_of_rows):
-            # nearly dependent normals can make an infeasible problem look solved
-            used, mode = -1, 1
-            continue
-        if mode == 2 and not (violation(L, S, count, out) <= least * (1.0 + 1e-7) + 1e-9):
-            out[:] = kept
-        if mode != 1:
-            break
-        least, kept = violation(L, S, count, out), out.copy()
-        soft, right, mode = np.ones(count), S.copy(), 2
-        for a in range(found):
-            if active[a] < count:
-                soft[active[a]] = 0.0
-                right[active[a]] -= least * (1.0 + 1e-9) + 1e-12
-    if used < 0:
-        # not solved: say so, and answer with the smallest jerk of the box, never with the nominal
-        for k in range(n):
-            out[k] = min(max(0.0, lower[k]), upper[k])
-        return False, np.nan
-    _mend(lower, upper, out)
-    left = violation(L, S, count, out)
-    return mode == 0, left
+            finite = finite and np.isfinite(L[i, k])
+    if finite and nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors, active, out):
+        clip(out, lower, upper, out)
+        left = violation(L, S, count, out)
+        return left <= tolerance, left
+    # not solved: say so, and answer with the smallest jerk of the box, never with the nominal
+    for k in range(n):
+        out[k] = min(max(0.0, lower[k]), upper[k])
+    return False, np.nan
