@@ -51,9 +51,13 @@ def main() -> None:
         for name in ("origin", "omega", "alpha", "psi", "velocity", "acceleration", "drift"):
             keep(f"frame {name}", frames[name])
         L, S, owner = np.zeros((40, n)), np.zeros(40), np.zeros(40, np.int64)
-        count = exact_rows(
-            frames, segments, agents, planes, pairs, jerk, -bound, bound, TAU, index, -1, 1e-3, L, S, owner
-        )
+        now, target = records(pairs.shape, PAIR), np.zeros(40)
+        now["phi"] = pairs["phi"] + 0.1
+        ahead = (frames, segments, agents, planes, pairs, jerk, -bound, bound, TAU, index, -1)
+        count = exact_rows(*ahead, bound, 1e-3, 0.5, now, L, S, owner, target)
+        keep("recovering", S[:count])
+        keep("target", target[:count])
+        count = exact_rows(*ahead, bound, 1e-3, 0.0, now, L, S, owner, target)
         keep("rows", L[:count])
         keep("right", S[:count])
         floats, active = scratch(n)

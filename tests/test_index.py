@@ -349,10 +349,14 @@ def rows_of(step, lower, upper, only=-1, authority=0.0):
         step.tau,
         step.index,
         only,
+        (upper - lower) / 2.0,
         authority,
+        0.0,
+        step.pairs,
         L,
         S,
         owner,
+        np.zeros(count),
     )
     return L[:used], S[:used], owner[:used]
 

@@ -157,10 +157,7 @@ class SafetyFilter(ABC):
             if astray:
                 return self._brake(nominal, astray)
         try:
-            if room:
-                decision = self._filter(scene, self._state, agents, nominal, inside)
-            else:
-                decision = self._cornered(nominal)
+            decision = self._filter(scene, self._state, agents, nominal, inside) if room else self._cornered(nominal)
             jerk = decision.jerk
             if jerk.shape != nominal.shape or jerk.dtype != np.float64:
                 raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
