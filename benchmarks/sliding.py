@@ -66,7 +66,7 @@ class SphereFilter(SafetyFilter):
 
     def __init__(self, robot, dt):
         super().__init__(robot, dt)
-        self.inner = JSSAFilter(sphere_robot(robot), dt, IndexParams(sliding=False))
+        self.inner = JSSAFilter(sphere_robot(robot), dt, IndexParams(sliding=False), recovery=0.0)
 
     def decide(self, scene, nominal):
         people = sphere_people(scene.human)
@@ -99,8 +99,8 @@ def main() -> None:
     parser.add_argument("--json", default="", help="also write the table to this file")
     args = parser.parse_args()
     candidates = {
-        "none": lambda robot, dt: JSSAFilter(robot, dt, IndexParams(sliding=False)),
-        "exact": lambda robot, dt: JSSAFilter(robot, dt, IndexParams(sliding=True)),
+        "none": lambda robot, dt: JSSAFilter(robot, dt, IndexParams(sliding=False), recovery=0.0),
+        "exact": lambda robot, dt: JSSAFilter(robot, dt, IndexParams(sliding=True), recovery=0.0),
         "spheres": SphereFilter,
     }
     humans = {

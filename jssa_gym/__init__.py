@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from jssa_gym.humans import HUMANS, HumanMotion
     from jssa_gym.policies import HoldPolicy, RandomPolicy
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
+    from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.shields import FILTERS, JSSAShield, SafetyFilter, Shield, make_filter
     from jssa_gym.types import CapsuleSet, Decision, JointState, Scene, Status
@@ -33,6 +34,7 @@ _HOMES = {
     "Decision": "jssa_gym.types",
     "FAULTS": "jssa_gym.envs.faults",
     "FILTERS": "jssa_gym.shields",
+    "FailsafeParams": "jssa_gym.safety.failsafe",
     "HUMANS": "jssa_gym.humans",
     "HoldPolicy": "jssa_gym.policies",
     "HumanMotion": "jssa_gym.humans",
@@ -61,6 +63,7 @@ __all__ = [
     "ArmEnv",
     "CapsuleSet",
     "Decision",
+    "FailsafeParams",
     "HoldPolicy",
     "HumanMotion",
     "IndexParams",

@@ -204,12 +204,9 @@ class JSSAShield(Shield):
             viability=viability,
             failsafe=failsafe,
         )
-        if failsafe is True:
-            failsafe = FailsafeParams()
-        elif failsafe is False:
-            failsafe = None
-        elif not isinstance(failsafe, FailsafeParams):
+        if not isinstance(failsafe, bool | FailsafeParams):
             raise ParameterError(f"failsafe has to be True, False or FailsafeParams, got {failsafe!r}")
+        assumed = failsafe if isinstance(failsafe, FailsafeParams) else FailsafeParams() if failsafe else None
         index = IndexParams(d_min=d_min, lambda1=lambda1, lambda2=lambda2, sliding=sliding)
         robot, dt = _provider(env, "robot").robot, _provider(env, "dt").dt
         if not isinstance(robot, RobotModel):
@@ -227,7 +224,7 @@ class JSSAShield(Shield):
                 static_rows=static_rows,
                 recovery=recovery,
                 viability=viability,
-                failsafe=failsafe,
+                failsafe=assumed,
             ),
         )
 
