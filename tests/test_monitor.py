@@ -197,6 +197,14 @@ def test_a_frozen_sample_ages_however_fresh_it_claims_to_be(monitor):
     assert (watch.fault, watch.reason) == (False, "")
 
 
+def test_a_sample_that_arrives_late_and_freezes_ages_from_its_stamp(monitor):
+    monitor.update(0.0, person(0.0, 0.5), ages(0.05, 0.05), BOTH)
+    for k in range(1, 10):
+        watch = monitor.update(k * DT, person(0.0, 0.5), ages(0.05, 0.05), BOTH)
+        assert_trusts(watch, 0.0, 0.05 + k * DT, 0.05 + k * DT)
+        assert "frozen" in watch.reason
+
+
 def test_a_frozen_jump_does_not_become_possible_by_waiting(monitor):
     monitor.update(0.0, person(0.0, 0.5), ages(), BOTH)
     for k in range(1, 100):
@@ -256,6 +264,8 @@ BAD_SCENES = {
     "half a person": (person(person=np.array([0.0, 0.5])), ages(), BOTH),
     "no validity": (person(), ages(), None),
     "numbers as validity": (person(), ages(), np.array([1.0, np.nan])),
+    "one validity for all": (person(), ages(), np.array([True])),
+    "one age for all": (person(), np.array(0.0), BOTH),
     "no age": (person(), None, BOTH),
     "nothing": (None, None, None),
 }
