@@ -175,7 +175,6 @@ class HumanMonitor:
         if not self._begun:
             self._allocate(0)
         self._valid[:] = False
-        np.copyto(self._person, self._people.person)
         # of a time that is none, nobody knows how late it is
         return self._judged(max(time, self._time) if math.isfinite(time) else math.inf, reason)
 
