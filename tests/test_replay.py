@@ -290,8 +290,13 @@ def test_an_arm_in_the_table_is_found(robot):
     assert alone(robot, at_rest(robot))[0].plane_names == ("table",)
     assert judge(alone(robot, at_rest(robot))[0], robot).plane_collisions == ()
     # a half-space that looks down is another one
-    ceiling = dataclasses.replace(trace, plane_normal=-TABLE.normal, plane_offset=np.array([-1.2]))
-    assert {c.one for c in judge(ceiling, robot).plane_collisions} >= {"upper_arm"}
+    trace, _ = alone(robot, at_rest(robot))
+    ceiling = dataclasses.replace(trace, plane_normal=-TABLE.normal, plane_offset=np.array([-1.7]))
+    above = {c.one: c.depth for c in judge(ceiling, robot).plane_collisions}
+    assert "wrist_tool" in above
+    assert "base_column" not in above
+    # the upper arm ends 1.64 m high and is 0.125 m thick
+    assert above["upper_arm"] == pytest.approx(0.87 + 0.33 + 0.44 + 0.125 - 1.7)
 
 
 def test_a_self_collision_is_found(robot):
