@@ -106,7 +106,7 @@ def test_a_bootstrap_of_the_mean_is_about_the_normal_interval():
 
 
 def test_a_bootstrap_takes_whole_rows():
-    rows = np.random.default_rng(0).normal(size=(50, 1)) + np.array([[0.0, 10.0]])
+    rows = np.random.default_rng(0).normal(size=(50, 1)) + np.array([0.0, 10.0])
     low, high = bootstrap_interval(rows, lambda r: np.mean(r[:, 1] - r[:, 0]), 0, resamples=50)
     assert low == pytest.approx(10.0)
     assert high == pytest.approx(10.0)
