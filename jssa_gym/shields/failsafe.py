@@ -90,19 +90,25 @@ class VerifiedStop:
                 return Watch(scene.human, np.zeros(0), True, f"the people cannot be read: {error}")
         return self._monitor.update(scene.time, scene.human, scene.age, scene.valid)
 
-    def follow(self, state: Array, time: float) -> str:
-        """Compare the arm with where the last jerk must have led; what is wrong, or nothing.
+    def follow(self, state: Array, scene: Scene) -> str:
+        """Compare the arm with where the last jerk must have led; what is wrong, or nothing. Never raises.
 
-        Ticks in which no decision was made are taken to have gone on with the stored stop. An arm that is elsewhere
-        gets a new stop from where it is, which is not verified.
+        Ticks in which no decision was made, as the clock has it, may have gone on with the stored stop. Whether they
+        did the arm says, not the clock. An arm that is elsewhere gets a new stop from where it is, which is not
+        verified.
         """
-        for _ in range(min(round((time - self._time) / self.dt) - 1, 10_000) if time > self._time else 0):
+        try:
+            time = float(scene.time)
+        except Exception:  # whatever a perception system delivers, the arm must go on safely
+            time = np.nan
+        late = (time - self._time) / self.dt
+        self._time = time if np.isfinite(time) else self._time + self.dt
+        for _ in range(max(round(min(late, 1e4)), 1) if abs(late) < np.inf else 1):
+            if not deviates(state, self._expected, self._bounds, _STRAY):
+                return ""
             self._advance()
-        self._time = time
-        if deviates(state, self._expected, self._bounds, _STRAY):
-            self._replan(state)
-            return "the joint state is not where the last jerk led"
-        return ""
+        self._replan(state)
+        return "the joint state is not where the last jerk led"
 
     def _advance(self) -> Array:
         """The stored stop's next jerk; the arm is taken to follow it."""
@@ -168,13 +174,14 @@ class VerifiedStop:
             self._frames,
             self._segments,
         )
+        # this may raise; nothing is to have changed then
+        reason = self._describe(code, row, column, moment, scene, people)
         if which == 2:
             self._tick += 1
         else:
             self._stored, self._next = self._next, self._stored
             self._tick, self._verified = 0, True
         self._expected, self._after = self._after, self._expected
-        reason = self._describe(code, row, column, moment, scene, people)
         return Verdict(jerk, which == 0, reason, self._verified)
 
     def _describe(self, code: int, row: int, column: int, moment: float, scene: Scene, people: CapsuleSet) -> str:

@@ -153,7 +153,7 @@ class SafetyFilter(ABC):
             return self._fault(scene, nominal, _FAULTS[fault], readable=fault != 2)
         self._state, self._incoming = self._incoming, self._state
         if guard is not None:
-            astray = guard.follow(self._state, scene.time)
+            astray = guard.follow(self._state, scene)
             if astray:
                 return self._brake(nominal, astray)
         try:
@@ -234,7 +234,7 @@ class SafetyFilter(ABC):
         if readable and scene is not None:
             self._state, self._incoming = self._incoming, self._state
             if self._guard is not None:
-                astray = self._guard.follow(self._state, scene.time)
+                astray = self._guard.follow(self._state, scene)
                 reason = f"{reason}; {astray}" if astray else reason
         else:
             integrate(self._state, self._applied, self.dt, self._state)
