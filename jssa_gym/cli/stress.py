@@ -1,0 +1,198 @@
+"""``jssa-gym stress``: campaigns that try to break shields."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from jssa_gym import __version__, plots
+from jssa_gym.envs.arm import DT
+from jssa_gym.evaluation.campaign import PRESETS, Campaign, Episode, run
+from jssa_gym.evaluation.contenders import CONTENDERS
+from jssa_gym.evaluation.ledger import Ledger
+from jssa_gym.evaluation.statistics import Rate
+from jssa_gym.evaluation.tally import Tally, tally
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.validation import positive_integer
+
+_CHUNK = 10
+"""Episodes of one kind played together: what a crash loses at most, for every job."""
+
+
+@dataclass(frozen=True)
+class Stress:
+    """Try to break shields: every combination of filters, people, policies and faults, with paired seeds.
+
+    A campaign that was interrupted goes on where it stopped when the same command is given again. The exit code is 1
+    if a shield broke its promise within the assumptions or MuJoCo disagreed.
+    """
+
+    preset: Literal["quick", "claim", "power", "avoid", "degradation"] = "quick"
+    """What is tried: a check in seconds; the whole shield's promise; shields without a guard; harmless people; people
+    faster and measurements later than assumed. The next five replace a part of it."""
+    filters: tuple[str, ...] = ()
+    """Shields by name, whole and weakened."""
+    humans: tuple[str, ...] = ()
+    """People by name."""
+    policies: tuple[str, ...] = ()
+    """Policies by name."""
+    faults: tuple[str, ...] = ()
+    """Faults by name."""
+    episodes: int | None = None
+    """Of every combination."""
+    out: Path = Path("stress")
+    """Folder for the results; a campaign that is there already is continued."""
+    task: Literal["home", "reach"] = "home"
+    """Task of the environment."""
+    seconds: float = 8.0
+    """Length of an episode."""
+    seed: int = 0
+    """First seed."""
+    judge: float = 0.02
+    """Share of the episodes that MuJoCo judges again at 1 kHz, besides all suspicious ones of shields that promise."""
+    keep: int = 20
+    """How many recordings of the worst episodes are kept."""
+    jobs: int = 1
+    """How many processes."""
+    by: tuple[Literal["filter", "human", "policy", "fault"], ...] = ("filter",)
+    """What makes a row of the table."""
+    degradation: bool = False
+    """Short for --preset degradation."""
+    json: bool = False
+    """Print JSON instead of a table."""
+
+    def run(self) -> None:
+        """Play, count, print."""
+        jobs = positive_integer("jobs", self.jobs)
+        if not self.keep >= 0:
+            raise ParameterError(f"keep has to be at least 0, got {self.keep}")
+        if not 0.1 <= self.seconds <= 600.0:
+            raise ParameterError(f"seconds has to be between 0.1 and 600, got {self.seconds}")
+        preset = "degradation" if self.degradation else self.preset
+        if preset == "degradation":
+            plots.require()
+        ledger = Ledger(self.out, self._campaign(preset), __version__)
+        console = Console(stderr=True)
+        try:
+            self._play(ledger, jobs, console)
+        except KeyboardInterrupt:
+            console.print(f"stopped; the same command goes on from {len(ledger.episodes)} episodes in {self.out}")
+            raise SystemExit(130) from None
+        rows = tally(ledger.episodes, self.by)
+        if preset == "degradation":
+            figure = plots.degradation(*_curves(ledger.episodes))
+            figure.savefig(self.out / "degradation.part.png", dpi=110)
+            (self.out / "degradation.part.png").replace(self.out / "degradation.png")
+        broken = [episode for episode in ledger.episodes if episode.broken]
+        if self.json:
+            print(json.dumps({"rows": [_plain(row, self.by) for row in rows], "broken": len(broken)}, indent=2))
+        else:
+            _show(rows, self.by, broken, ledger)
+        if broken:
+            raise SystemExit(1)
+
+    def _campaign(self, preset: str) -> Campaign:
+        chosen: dict[str, Any] = {
+            name: value
+            for name in ("filters", "humans", "policies", "faults", "episodes")
+            if (value := getattr(self, name)) not in ((), None)
+        }
+        grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
+        return Campaign(grids, self.task, round(self.seconds / DT), self.seed, self.judge)
+
+    def _play(self, ledger: Ledger, jobs: int, console: Console) -> None:
+        chunks = ledger.chunks(_CHUNK)
+        left, moving = sum(len(chunk.seeds) for chunk in chunks), 0
+        columns = (
+            *(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()),
+            *(TimeElapsedColumn(), TimeRemainingColumn()),
+        )
+        with Progress(*columns, console=console, transient=True) as progress:
+            task = progress.add_task("episodes", total=left + len(ledger.episodes), completed=len(ledger.episodes))
+
+            def done(episodes: list[Episode]) -> None:
+                nonlocal moving
+                ledger.append(episodes)
+                ledger.keep_worst(self.keep)
+                moving += sum(episode.broken for episode in episodes)
+                progress.update(task, advance=len(episodes), description=f"episodes, {moving} broken promises")
+
+            run(chunks, jobs, done)
+
+
+def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
+    values = dataclasses.asdict(row)
+    return {**dict(zip(by, values.pop("group"), strict=True)), **values}
+
+
+def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[Episode], ledger: Ledger) -> None:
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=140)
+    happened = Table(title=f"{len(ledger.episodes):,} episodes of {ledger.campaign.steps * DT:g} s, 95 % intervals")
+    did = Table(title="what the shields did, and what MuJoCo says")
+    for table in (happened, did):
+        for name in by:
+            table.add_column(name)
+    for title in ("contacts", "moving contacts", "limit violations", "fastest contact", "largest excess"):
+        happened.add_column(title, justify="right")
+    for title in ("stored stop", "intervened", "fault", "no stop", "joint speed", "judged", "disagree", "overlaps"):
+        did.add_column(title, justify="right")
+    for row in rows:
+        happened.add_row(
+            *row.group,
+            *(str(rate) for rate in (row.contacts, row.moving, row.violations)),
+            f"{row.contact_speed:.2g} m/s",
+            f"{100.0 * row.excess:.2g} %",
+        )
+        did.add_row(
+            *row.group,
+            *(f"{100.0 * share:.1f} %" for share in (row.stored, row.intervened, row.faulty, row.no_stop)),
+            f"{row.joint_speed:.2f} rad/s",
+            *(f"{count:,}" for count in (row.judged, row.disagreements, row.overlaps)),
+        )
+    console.print(happened)
+    console.print(did)
+    if "filter" in by:
+        for name in dict.fromkeys(row.group[by.index("filter")] for row in rows):
+            if CONTENDERS[name].without:
+                console.print(f"{name}: full without {CONTENDERS[name].without}", highlight=False)
+    for episode in sorted(broken, key=lambda e: -e.severity)[:10]:
+        what = "MuJoCo disagrees" if not episode.agrees else f"{episode.judged_speed or episode.contact_speed:.3g} m/s"
+        names = " ".join(
+            f"--{option} '{name}'"
+            for option, name in zip(("filters", "humans", "policies", "faults"), episode.cell, strict=True)
+        )
+        console.print(
+            f"broken ({what}, {episode.violations} violations, {episode.overlaps} overlaps): jssa-gym stress {names} "
+            f"--episodes 1 --seed {episode.seed} --judge 1 --out again",
+            highlight=False,
+            soft_wrap=True,
+        )
+
+
+def _curves(episodes: Sequence[Episode]) -> tuple[plots.Curve, plots.Curve]:
+    """By the people's speed and by the delay that nobody reports."""
+
+    def curve(points: dict[float, list[Episode]]) -> plots.Curve:
+        levels = sorted(points)
+        rates = [Rate.of(sum(e.touched_moving for e in points[x]), len(points[x])) for x in levels]
+        speeds = [[max(e.contact_speed, e.judged_speed) for e in points[x]] for x in levels]
+        return plots.Curve(
+            levels, [r.value for r in rates], [r.low for r in rates], [r.high for r in rates], [max(s) for s in speeds]
+        )
+
+    fast: dict[float, list[Episode]] = {}
+    late: dict[float, list[Episode]] = {}
+    for episode in episodes:
+        if " x" in episode.human:
+            fast.setdefault(float(episode.human.split(" x")[1]), []).append(episode)
+        if episode.fault.startswith("unmodelled"):
+            late.setdefault(float(episode.fault.split()[1]), []).append(episode)
+    return curve(fast), curve(late)

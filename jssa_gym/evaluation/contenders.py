@@ -1,0 +1,260 @@
+"""Who takes part in a campaign, by name: shields whole and weakened, people, and faults."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
+from jssa_gym.envs.sensor import MissedTicks, SensorModel
+from jssa_gym.humans import HUMANS, Hand, HumanMotion, Pursuit, make_human
+from jssa_gym.robots import RobotModel
+from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.safety.monitor import Watch
+from jssa_gym.shields import JSSAShield, NoFilter, Shield
+from jssa_gym.shields.failsafe import Verdict, VerifiedStop
+from jssa_gym.types import Array, CapsuleSet, Scene
+from jssa_gym.validation import known_name
+
+LAG = 0.1
+"""Time from a command to the arm's motion where there is one [s]."""
+
+_SLOW = 0.3
+"""Speed that people are wrongly believed to keep [m/s]."""
+
+
+# ---- what is wrong between environment and shield ----------------------------------------------------
+
+
+class Late(gym.Wrapper):
+    """Shows a shield the people as they were ``ticks`` ago and says that this is the present.
+
+    To people, an arm that follows its commands late is the same as this: commands are chosen for people as they were.
+    """
+
+    def __init__(self, env: gym.Env, ticks: int) -> None:
+        super().__init__(env)
+        self._past: deque[tuple[CapsuleSet, Array, Any]] = deque(maxlen=ticks + 1)
+
+    @property
+    def scene(self) -> Scene | None:
+        """The present with the people of the past."""
+        scene = self.env.get_wrapper_attr("scene")
+        if scene is None or not self._past:
+            return scene
+        human, age, valid = self._past[0]
+        return scene._replace(human=human, age=age, valid=valid)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment and forget the past."""
+        result = self.env.reset(seed=seed, options=options)
+        self._past.clear()
+        self._look()
+        return result
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and look at the people."""
+        result = self.env.step(action)
+        self._look()
+        return result
+
+    def _look(self) -> None:
+        scene = self.env.get_wrapper_attr("scene")
+        if scene is not None:
+            self._past.append((scene.human, scene.age, scene.valid))
+
+
+class Ageless(gym.Wrapper):
+    """Says of every measurement that it is fresh."""
+
+    @property
+    def scene(self) -> Scene | None:
+        """The present with all ages 0."""
+        scene = self.env.get_wrapper_attr("scene")
+        return None if scene is None else scene._replace(age=np.zeros_like(scene.age))
+
+
+def _ticks(env: gym.Env, time: float) -> int:
+    return round(time / env.get_wrapper_attr("dt"))
+
+
+# ---- stops with one thing wrong ----------------------------------------------------------------------
+
+
+class _SlowPeople(VerifiedStop):
+    """Believes that people are slow; what the monitor believes is left alone."""
+
+    def watch(self, scene: Scene) -> Watch:
+        watch = super().watch(scene)
+        self._growth = np.minimum(self._growth, _SLOW)
+        return watch
+
+
+class _OffByOne(VerifiedStop):
+    """Goes on with a stored stop one tick late: its first jerk is applied twice."""
+
+    def confirm(self, scene: Scene, state: Array, wanted: Array, watch: Watch) -> Verdict:
+        verdict = super().confirm(scene, state, wanted, watch)
+        if self._tick == 0:
+            self._tick = -1
+        return verdict
+
+
+class _Boundless(VerifiedStop):
+    """Knows no joint limits but the jerk's."""
+
+    def __init__(self, robot: RobotModel, dt: float, params: FailsafeParams) -> None:
+        super().__init__(robot, dt, params)
+        self._bounds[:4] = np.array([-1e3, 1e3, 1e3, 1e4])[:, None]
+
+
+def _weakened(stop: type[VerifiedStop], env: gym.Env, params: FailsafeParams, viability: bool = True) -> JSSAShield:
+    """The shield with another stop than its own."""
+    shield = JSSAShield(env, viability=viability, failsafe=params)
+    shield.filter._guard = stop(shield.filter.robot, shield.filter.dt, params)
+    return shield
+
+
+def _stop_alone(env: gym.Env, params: FailsafeParams) -> Shield:
+    robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
+    return Shield(env, NoFilter(robot, dt, viability=True, failsafe=params))
+
+
+# ---- shields -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """A shield that takes part in a campaign."""
+
+    wrap: Callable[[gym.Env, FailsafeParams], gym.Env]
+    """Puts it around an environment, given what may be assumed about people and sensors."""
+    promises: bool = False
+    """Whether limits are to be kept and the arm is to be at rest at every contact."""
+    without: str = ""
+    """Which guard it lacks, and what that should let happen; empty if it is no weakened ``full``."""
+
+
+CONTENDERS: dict[str, Contender] = {
+    "full": Contender(lambda env, params: JSSAShield(env, failsafe=params), promises=True),
+    "stop": Contender(_stop_alone, promises=True, without="safety rows: more contacts at rest, more stored stops"),
+    "jssa": Contender(lambda env, params: JSSAShield(env, viability=False, failsafe=False)),
+    "published": Contender(lambda env, params: JSSAShield.as_published(env)),
+    "none": Contender(lambda env, params: env),
+    "lag": Contender(
+        lambda env, params: JSSAShield(Late(env, _ticks(env, LAG)), failsafe=replace(params, actuation_lag=LAG)),
+        promises=True,
+    ),
+    "no_lag": Contender(
+        lambda env, params: JSSAShield(Late(env, _ticks(env, LAG)), failsafe=params),
+        without="the lag of the arm: moving contact",
+    ),
+    "no_speed": Contender(
+        partial(_weakened, _SlowPeople), without="the people's speed bound in the stop: moving contact"
+    ),
+    "low_speed": Contender(
+        lambda env, params: JSSAShield(env, failsafe=replace(params, human_speed=_SLOW, limb_speed=_SLOW)),
+        without="the people's speed bound in stop and monitor: moving contact",
+    ),
+    "no_age": Contender(
+        lambda env, params: JSSAShield(Ageless(env), failsafe=params),
+        without="the age of measurements: moving contact",
+    ),
+    "no_verification": Contender(
+        lambda env, params: JSSAShield(env, failsafe=False), without="the verified stop: moving contact"
+    ),
+    "off_by_one": Contender(partial(_weakened, _OffByOne), without="the stored stop's right tick: moving contact"),
+    "no_limits": Contender(
+        lambda env, params: _weakened(_Boundless, env, params, viability=False),
+        without="viability box and the stop's limit check: limit violation",
+    ),
+    "no_box": Contender(
+        lambda env, params: JSSAShield(env, viability=False, failsafe=params),
+        without="viability box: a stop that does not exist",
+    ),
+    "no_limit_check": Contender(
+        partial(_weakened, _Boundless), without="the stop's limit check: limit violation, unless the box is enough"
+    ),
+    "closest_row": Contender(
+        lambda env, params: JSSAShield(env, rows="closest", failsafe=params),
+        promises=True,
+        without="rows of all pairs: more contacts at rest, more stored stops",
+    ),
+    "one_step": Contender(
+        lambda env, params: JSSAShield(env, recovery=0.0, failsafe=params),
+        promises=True,
+        without="recovery rate: more contacts at rest, more stored stops",
+    ),
+}
+"""Shields by name, whole ones first."""
+
+
+# ---- people and faults -------------------------------------------------------------------------------
+
+MULTIPLES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
+"""Speeds of people, as multiples of what a shield assumes."""
+
+LATENCIES = (0, 25, 50, 100, 150, 200)
+"""Delays that nobody reports [ms]."""
+
+_ASSUMED = FailsafeParams()
+
+
+def _fast_hand(multiple: float) -> HumanMotion:
+    return Hand(speed=(0.5 * multiple * _ASSUMED.limb_speed, multiple * _ASSUMED.limb_speed))
+
+
+PEOPLE: dict[str, Callable[[], HumanMotion]] = {
+    **HUMANS,
+    "feint": partial(Pursuit, feint=True),
+    "two": partial(make_human, ("pursuit", "walk_by")),
+    "two hands": partial(make_human, ("hand", "pursuit")),
+    **{f"pursuit x{m:g}": partial(Pursuit, m * _ASSUMED.human_speed) for m in MULTIPLES},
+    **{f"hand x{m:g}": partial(_fast_hand, m) for m in MULTIPLES},
+}
+"""People by name: the package's own, several at once, and some that are faster than assumed."""
+
+FAULTS: tuple[str, ...] = (*SENSOR_FAULTS, "missed ticks", *(f"unmodelled {ms} ms" for ms in LATENCIES))
+"""Names of what can be wrong between people and shield."""
+
+TOO_FAST = tuple(f"{who} x{m:g}" for who in ("pursuit", "hand") for m in MULTIPLES if m > 1.0)
+"""People who break the assumption on their speed."""
+
+REPORTED = (*(name for name, faults in SENSOR_FAULTS.items() if faults.reported), "missed ticks")
+"""Faults within the assumptions: age and validity, with the bound on the noise, tell all."""
+
+
+def within_assumptions(human: str, fault: str) -> bool:
+    """Whether a shield that promises something has to keep its promise with these people under this fault."""
+    return human not in TOO_FAST and fault in (*REPORTED, f"unmodelled {LATENCIES[0]} ms")
+
+
+def spoiled(env: gym.Env, fault: str) -> gym.Env:
+    """An environment with a fault of :data:`FAULTS` between it and the shield that will be put around it.
+
+    Raises:
+        ParameterError: Unknown fault.
+    """
+    known_name("fault", fault, FAULTS)
+    if fault == "none":
+        return env
+    if fault == "missed ticks":
+        return MissedTicks(env)
+    if fault in SENSOR_FAULTS:
+        return SensorModel(env, fault)
+    return Late(env, _ticks(env, 1e-3 * float(fault.split()[1])))
+
+
+def shielded(env: gym.Env, name: str, fault: str = "none") -> gym.Env:
+    """An environment with a fault and a shield of :data:`CONTENDERS` that knows the bound on the fault's noise.
+
+    Raises:
+        ParameterError: Unknown shield or fault.
+    """
+    known_name("filter", name, CONTENDERS)
+    noise = SENSOR_FAULTS[fault].noise if fault in SENSOR_FAULTS else 0.0
+    return CONTENDERS[name].wrap(spoiled(env, fault), FailsafeParams(position_error=noise))
