@@ -151,6 +151,15 @@ def test_an_infinite_row_is_not_projected_onto(where: str) -> None:
     np.testing.assert_array_equal(out, np.zeros(3))
 
 
+def test_a_nominal_that_is_no_number_is_not_projected() -> None:
+    L, S, out, bound = np.eye(2, 3), np.full(2, 0.5), np.zeros(3), np.ones(3)
+    nominal = np.array([0.0, 0.0, np.nan])
+    feasible, left = project_rows(nominal, L, S, 2, -bound, bound, np.eye(3), *scratch(3), out)
+    assert not feasible
+    assert np.isnan(left)
+    np.testing.assert_array_equal(out, np.zeros(3))
+
+
 def test_one_hopeless_row_does_not_switch_off_the_others() -> None:
     """Row 1 is beyond every jerk; row 2 can be kept besides, so it has to be."""
     lower, upper, out = -np.full(6, 60.0), np.full(6, 60.0), np.zeros(6)

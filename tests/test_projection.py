@@ -248,7 +248,7 @@ def test_conflicting_rows_are_violated_least(times):
             nearest = ref.project_reference(nominal, L, S - left * (1.0 + 1e-9), lower, upper, V)
             assert nearest is not None
             cost = (u - nominal) @ V @ (u - nominal)
-            assert cost <= (nearest - nominal) @ V @ (nearest - nominal) * (1.0 + 1e-2) + 1e-6
+            assert cost <= (nearest - nominal) @ V @ (nearest - nominal) * (1.0 + 1e-4) + 1e-6
     assert conflicts >= 30 * times
 
 
@@ -279,31 +279,43 @@ def least_of_others(L, S, least, decide, lower, upper):
 
 
 def test_rows_that_do_not_decide_are_violated_least_too(times):
-    """Beside rows in conflict, the others do with the least that those leave them; a doubled row is no other row."""
+    """Beside rows in conflict, the others do with the least that those leave them; a doubled row is no other row.
+
+    The first rows are about the first joints only and demand most, so that the others have joints of their own left.
+    """
     rng = np.random.default_rng(16)
     compared = violated = 0
     for case in range(60 * times):
-        n, m = int(rng.choice([2, 4, 6])), int(rng.choice([3, 6, 12]))
+        n, m = int(rng.choice([4, 6])), int(rng.choice([5, 8, 12]))
         lower, upper = box(rng, n)
         L, S = 1e-3 * rng.normal(size=(m, n)), 0.2 * rng.normal(size=m)
+        L[:3, n // 2 :] = 0.0
+        L[3:, : n // 2] = 0.0
+        S[:3] += 0.3
         if case % 2:
-            L[-1], S[-1] = L[0], S[0]
+            L[2], S[2] = L[0], S[0]
+        nominal = rng.uniform(lower, upper)
         least, _ = ref.least_violation(L, S, lower, upper)
         if least < 1e-3:
             continue
         decide = decide_about_least(L, S, least, lower, upper)
         if np.all(decide):
             continue
-        u, feasible, left = many_rows(rng.uniform(lower, upper), L, S, lower, upper, np.eye(n))
+        u, feasible, left = many_rows(nominal, L, S, lower, upper, np.eye(n))
         assert not feasible
         assert left == pytest.approx(least, rel=1e-6)
         expected = least_of_others(L, S, least, decide, lower, upper)
-        found = max(0.0, np.max((S - L @ u)[~decide]))
-        assert found == pytest.approx(expected, rel=1e-6, abs=1e-6 * least)
+        others = np.max((S - L @ u)[~decide])
+        assert max(0.0, others) == pytest.approx(expected, rel=1e-6, abs=1e-4 * least)
+        # and of all jerks like that it is the nearest
+        granted = np.where(decide, left, max(0.0, others)) * (1.0 + 1e-9) + 1e-12
+        nearest = ref.project_reference(nominal, L, S - granted, lower, upper, np.eye(n))
+        assert nearest is not None
+        assert np.sum((u - nominal) ** 2) <= np.sum((nearest - nominal) ** 2) * (1.0 + 1e-4) + 1e-6
         compared += 1
         violated += expected > 1e-3
-    assert compared >= 20 * times
-    assert violated >= 5 * times
+    assert compared >= 30 * times
+    assert violated >= 10 * times
 
 
 def test_rows_that_meet_in_one_point_are_feasible(times):
