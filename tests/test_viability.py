@@ -241,6 +241,10 @@ def test_a_joint_at_a_limit_is_not_pushed_further():
     assert complete
     np.testing.assert_array_equal(lower, 0.0)
     np.testing.assert_array_equal(upper, bounds[4])
+    complete, lower, upper = box_of(-state, bounds)
+    assert complete
+    np.testing.assert_array_equal(lower, -bounds[4])
+    np.testing.assert_array_equal(upper, 0.0)
 
 
 @pytest.mark.parametrize(("row", "value"), [(0, 9.0), (0, -9.0), (1, 20.0), (1, -20.0), (2, 40.0), (2, -40.0)])

@@ -27,12 +27,10 @@ def _hold(x, a, ramp, release, step, A):
     """
     area = x + a * ramp / 2.0
     sign = -1.0 if area < 0.0 else 1.0
-    most = min(A, step * release, step * ramp - sign * a)
+    most = min(A, step * release)
     middle = (ramp + release) / 2.0
     hold = 0.0
     if sign * area > most * middle:
-        if not (most > 0.0):
-            return -1.0
         hold = np.ceil(sign * area / most - middle - ROUNDING)
     # an acceleration that already brakes harder must not be let go of faster than the jerk allows
     return hold if abs(area / (middle + hold) + a) <= step * ramp * (1.0 + ROUNDING) else -1.0
