@@ -165,9 +165,11 @@ class SafetyFilter(ABC):
         except Exception as error:  # whatever a filter runs into, the arm must go on safely
             _logger.exception("the filter failed; the arm brakes")
             return self._brake(nominal, f"the filter failed: {type(error).__name__}: {error}")
+        if decision.status == Status.FAULT:
+            return self._brake(nominal, decision.reason)
         if wrong:
             return self._brake(nominal, _UNFIT[wrong])
-        if guard is not None and watch is not None and decision.status != Status.FAULT:
+        if guard is not None and watch is not None:
             try:
                 verdict = guard.confirm(scene, self._state, jerk, watch)
             except Exception as error:  # whatever static agents a scene has, the arm must go on safely
@@ -220,8 +222,14 @@ class SafetyFilter(ABC):
         """Decide on sound input.
 
         ``state`` (3, n) and ``agents`` hold the scene as the kernels read it, ``self._clipped`` the nominal clipped
-        to the box; ``inside`` says that it lay in the box.
+        to the box; ``inside`` says that it lay in the box. Of an answer with :attr:`Status.FAULT`, which
+        :meth:`_failed` makes, only the reason counts: :meth:`decide` then brakes or stops.
         """
+
+    def _failed(self, nominal: Array, reason: str) -> Decision:
+        """For :meth:`_filter` to answer that it found no jerk."""
+        still = np.zeros(self.robot.n)
+        return Decision(still, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
 
     def fallback(self, state: Array) -> Array:
         """The jerk when nothing else is known to be good: brakes as fast as the jerk bounds allow, shape (n,)."""

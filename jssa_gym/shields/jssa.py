@@ -207,7 +207,7 @@ class JSSAFilter(SafetyFilter):
         self._seen, self._humans, recovering = agents, humans, False
         worst, _, row, column, distance = self._ahead(state, agents, jerk, humans, True, 0)
         if not worst < np.inf:
-            return self._brake(nominal, "the safety index is not finite")
+            return self._failed(nominal, "the safety index is not finite")
         if worst > 0.0:
             only = -1
             if self.rows == "closest":
@@ -225,12 +225,12 @@ class JSSAFilter(SafetyFilter):
                 )
                 jerk, feasible, note = projection.jerk, projection.feasible, projection.note
                 if np.isnan(projection.violation):
-                    return self._brake(nominal, "the projection found no solution")
+                    return self._failed(nominal, "the projection found no solution")
                 worst, left, row, column, distance = self._ahead(state, agents, jerk, humans, False, rows)
                 if left <= _TOLERANCE or not feasible:
                     break
             if not (left < np.inf and worst < np.inf):
-                return self._brake(nominal, "the safety index is not finite")
+                return self._failed(nominal, "the safety index is not finite")
         kept = feasible and left <= _TOLERANCE
         decision = self._decision(nominal, jerk, inside, kept, left, rows, note, worst, distance, (row, column))
         if recovering and decision.status == Status.PROJECTED:
@@ -269,7 +269,7 @@ class JSSAFilter(SafetyFilter):
                 jerk, feasible, left, note = projection
             phi = max((self._S[i] - self._L[i] @ jerk for i in range(count)), default=-np.inf)
             if not (left < np.inf and phi < np.inf):
-                return self._brake(nominal, "the printed row is not finite")
+                return self._failed(nominal, "the printed row is not finite")
         return self._decision(nominal, jerk, inside, feasible, left, rows, note, phi, distance, (row, column))
 
     def _decision(
