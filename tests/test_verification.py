@@ -11,7 +11,7 @@ from jssa_gym.kernels import verification as ver
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import AGENT, FRAME, PLANE, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
-from jssa_gym.robots import RobotModel, lr_mate_200id_7l
+from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import levers
 
 DT = 0.008
