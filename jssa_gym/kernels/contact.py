@@ -43,9 +43,11 @@ def observe(links, capsules, state, agents, index, frames, segments, pairs, out,
     place(frames, capsules, segments)
     measure_agents(segments, agents, pairs)
     row, column, distance = nearest(pairs, agents.shape[0])
-    out[:] = 0.0
+    for k in range(out.shape[0]):
+        out[k] = 0.0
     out[0] = distance
-    parts[:] = np.inf
+    for k in range(parts.shape[0]):
+        parts[k] = np.inf
     for i in range(segments.shape[0]):
         for j in range(agents.shape[0]):
             part = j % parts.shape[0]

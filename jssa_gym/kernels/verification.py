@@ -238,7 +238,8 @@ def choose(
     why, row, column, time = SAFE, -1, -1, 0.0
     for attempt in range(2):
         if attempt == 0:
-            jerk[:] = wanted
+            for j in range(jerk.shape[0]):
+                jerk[j] = wanted[j]
         else:
             stop_jerk(stored, tick, jerk)
             for j in range(jerk.shape[0]):
