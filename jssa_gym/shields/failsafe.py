@@ -93,19 +93,22 @@ class VerifiedStop:
     def follow(self, state: Array, scene: Scene) -> str:
         """Compare the arm with where the last jerk must have led; what is wrong, or nothing. Never raises.
 
-        Ticks in which no decision was made, as the clock has it, may have gone on with the stored stop. Whether they
-        did the arm says, not the clock. An arm that is elsewhere gets a new stop from where it is, which is not
-        verified.
+        Ticks in which no decision was made, as the clock has it, must have gone on with the stored stop. An arm that
+        is elsewhere gets a new stop from where it is, which is not verified; where only the clock is wrong the stored
+        one stays.
         """
         try:
             time = float(scene.time)
         except Exception:  # whatever a perception system delivers, the arm must go on safely
             time = np.nan
         late = (time - self._time) / self.dt
-        self._time = time if np.isfinite(time) else self._time + self.dt
-        for _ in range(max(round(min(late, 1e4)), 1) if abs(late) < np.inf else 1):
+        forward = np.isfinite(time) and not late <= 0.0
+        self._time = time if forward else self._time + self.dt
+        due = max(round(min(late, 1e4)), 1) if forward and late > 0.0 else 1
+        for passed in range(1, due + 1):
             if not deviates(state, self._expected, self._bounds, _STRAY):
-                return ""
+                rests = bool(np.all(np.abs(state[1:]) < REST))
+                return "" if passed == due or rests else "the clock leapt ahead of the arm"
             self._advance()
         self._replan(state)
         return "the joint state is not where the last jerk led"
