@@ -1,6 +1,7 @@
 """``jssa-gym stress``: campaigns that try to break shields."""
 
 import dataclasses
+import importlib.metadata
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,10 +12,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from jssa_gym import __version__, plots
+from jssa_gym import plots
 from jssa_gym.envs.arm import DT
-from jssa_gym.evaluation.campaign import PRESETS, Campaign, Episode, run
+from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import CONTENDERS
+from jssa_gym.evaluation.episodes import Episode, run
 from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.evaluation.tally import Tally, tally
@@ -77,7 +79,7 @@ class Stress:
         preset = "degradation" if self.degradation else self.preset
         if preset == "degradation":
             plots.require()
-        ledger = Ledger(self.out, self._campaign(preset), __version__)
+        ledger = Ledger(self.out, self._campaign(preset), _version())
         console = Console(stderr=True)
         try:
             self._play(ledger, jobs, console)
@@ -124,6 +126,13 @@ class Stress:
                 progress.update(task, advance=len(episodes), description=f"episodes, {moving} broken promises")
 
             run(chunks, jobs, done)
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("jssa-gym")
+    except importlib.metadata.PackageNotFoundError:  # run from a clone that is not installed
+        return "unknown"
 
 
 def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
