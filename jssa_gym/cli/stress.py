@@ -86,12 +86,13 @@ class Stress:
         except KeyboardInterrupt:
             console.print(f"stopped; the same command goes on from {len(ledger.episodes)} episodes in {self.out}")
             raise SystemExit(130) from None
-        rows = tally(ledger.episodes, self.by)
+        episodes = ledger.ordered()
+        rows = tally(episodes, self.by)
         if preset == "degradation":
-            figure = plots.degradation(*_curves(ledger.episodes))
+            figure = plots.degradation(*_curves(episodes))
             figure.savefig(self.out / "degradation.part.png", dpi=110)
             (self.out / "degradation.part.png").replace(self.out / "degradation.png")
-        broken = [episode for episode in ledger.episodes if episode.broken]
+        broken = [episode for episode in episodes if episode.broken]
         if self.json:
             print(json.dumps({"rows": [_plain(row, self.by) for row in rows], "broken": len(broken)}, indent=2))
         else:

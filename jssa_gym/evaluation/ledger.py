@@ -117,6 +117,11 @@ class Ledger:
             os.fsync(file.fileno())
         self.episodes += episodes
 
+    def ordered(self) -> list[Episode]:
+        """All episodes in the order of the campaign, whoever finished first."""
+        place = {cell: k for k, cell in enumerate(self.campaign.seeds())}
+        return sorted(self.episodes, key=lambda episode: (place[episode.cell], episode.seed))
+
     def keep_worst(self, count: int) -> None:
         """Delete all recordings but those of the worst episodes."""
         broken = sorted((e for e in self.episodes if e.broken and e.judged), key=lambda e: -e.severity)
