@@ -94,6 +94,14 @@ def test_demo_films_and_prints_json(tmp_path):
         (("demo", "--speed", "-1"), "speed"),
         (("demo", "--speed", "nan"), "speed"),
         (("bench", "--rounds", "0"), "rounds"),
+        (("stress", "--filters", "nope"), "unknown filter"),
+        (("stress", "--humans", "pursuit x9"), "unknown human"),
+        (("stress", "--jobs", "0"), "jobs"),
+        (("stress", "--seconds", "nan"), "seconds"),
+        (("stress", "--judge", "2"), "judge"),
+        (("stress", "--episodes", "0"), "episodes"),
+        (("stress", "--seed", "-1"), "seed"),
+        (("stress", "--keep", "-1"), "keep"),
     ],
     ids=" ".join,
 )
@@ -119,16 +127,20 @@ def test_what_cannot_be_parsed_is_exit_code_2(tmp_path, arguments):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("command", ["", "demo", "bench"])
+@pytest.mark.parametrize("command", ["", "demo", "bench", "stress"])
 def test_help(command, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["jssa-gym", *command.split(), "--help"])
     with pytest.raises(SystemExit) as caught:
         main()
     assert caught.value.code == 0
     text = capsys.readouterr().out
-    for word in {"": ("demo", "bench"), "demo": ("--out", "--speed", "--video"), "bench": ("--rounds", "--json")}[
-        command
-    ]:
+    words = {
+        "": ("demo", "bench", "stress"),
+        "demo": ("--out", "--speed", "--video"),
+        "bench": ("--rounds", "--json"),
+        "stress": ("--preset", "--filters", "--jobs", "--by", "--degradation"),
+    }
+    for word in words[command]:
         assert word in text
 
 
@@ -258,3 +270,20 @@ def test_bench_measures_everything_and_agrees_with_mujoco():
     for word in ("filter.decide", "osqp", "env.step, shielded", "mj_geomDistance", "projection alone"):
         assert word in names
     assert all(0.0 < timing["median"] <= timing["p99"] for timing in timings)
+
+
+def test_stress_counts_and_the_same_command_adds_nothing(tmp_path):
+    command = ("stress", "--seconds", "0.4", "--by", "filter", "human", "--out", tmp_path / "out")
+    runs = [cli(*command, "--json") for _ in range(2)]
+    assert [run.returncode for run in runs] == [0, 0], runs[0].stderr
+    assert runs[0].stdout == runs[1].stdout
+    result = json.loads(runs[0].stdout)
+    assert [(row["filter"], row["human"]) for row in result["rows"]] == [
+        (shield, human) for human in ("pursuit", "hand") for shield in ("full", "none")
+    ]
+    assert all(row["contacts"]["n"] == 4 and row["moving"]["high"] > 0.0 for row in result["rows"])
+    assert result["broken"] == 0
+    assert "other steps" in one_line(cli("stress", "--seconds", "0.5", "--out", tmp_path / "out"))
+    (tmp_path / "file").write_text("mine")
+    assert "file" in one_line(cli("stress", "--out", tmp_path / "file"))
+    assert (tmp_path / "file").read_text() == "mine"

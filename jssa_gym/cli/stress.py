@@ -1,6 +1,7 @@
 """``jssa-gym stress``: campaigns that try to break shields."""
 
 import dataclasses
+import importlib.metadata
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,10 +12,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from jssa_gym import __version__, plots
+from jssa_gym import plots
 from jssa_gym.envs.arm import DT
-from jssa_gym.evaluation.campaign import PRESETS, Campaign, Episode, run
+from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import CONTENDERS
+from jssa_gym.evaluation.episodes import Episode, run
 from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.evaluation.tally import Tally, tally
@@ -77,19 +79,20 @@ class Stress:
         preset = "degradation" if self.degradation else self.preset
         if preset == "degradation":
             plots.require()
-        ledger = Ledger(self.out, self._campaign(preset), __version__)
+        ledger = Ledger(self.out, self._campaign(preset), _version())
         console = Console(stderr=True)
         try:
             self._play(ledger, jobs, console)
         except KeyboardInterrupt:
             console.print(f"stopped; the same command goes on from {len(ledger.episodes)} episodes in {self.out}")
             raise SystemExit(130) from None
-        rows = tally(ledger.episodes, self.by)
+        episodes = ledger.ordered()
+        rows = tally(episodes, self.by)
         if preset == "degradation":
-            figure = plots.degradation(*_curves(ledger.episodes))
+            figure = plots.degradation(*_curves(episodes))
             figure.savefig(self.out / "degradation.part.png", dpi=110)
             (self.out / "degradation.part.png").replace(self.out / "degradation.png")
-        broken = [episode for episode in ledger.episodes if episode.broken]
+        broken = [episode for episode in episodes if episode.broken]
         if self.json:
             print(json.dumps({"rows": [_plain(row, self.by) for row in rows], "broken": len(broken)}, indent=2))
         else:
@@ -124,6 +127,13 @@ class Stress:
                 progress.update(task, advance=len(episodes), description=f"episodes, {moving} broken promises")
 
             run(chunks, jobs, done)
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("jssa-gym")
+    except importlib.metadata.PackageNotFoundError:  # run from a clone that is not installed
+        return "unknown"
 
 
 def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:

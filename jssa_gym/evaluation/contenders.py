@@ -105,11 +105,11 @@ class _OffByOne(VerifiedStop):
 
 
 class _Boundless(VerifiedStop):
-    """Knows no joint limits but the jerk's."""
+    """Knows no joint ranges and no speed limits; its stops keep acceleration and jerk limits."""
 
     def __init__(self, robot: RobotModel, dt: float, params: FailsafeParams) -> None:
         super().__init__(robot, dt, params)
-        self._bounds[:4] = np.array([-1e3, 1e3, 1e3, 1e4])[:, None]
+        self._bounds[:3] = np.array([-1e3, 1e3, 1e3])[:, None]
 
 
 def _weakened(stop: type[VerifiedStop], env: gym.Env, params: FailsafeParams, viability: bool = True) -> JSSAShield:
@@ -170,14 +170,15 @@ CONTENDERS: dict[str, Contender] = {
     "off_by_one": Contender(partial(_weakened, _OffByOne), without="the stored stop's right tick: moving contact"),
     "no_limits": Contender(
         lambda env, params: _weakened(_Boundless, env, params, viability=False),
-        without="viability box and the stop's limit check: limit violation",
+        without="viability box and the stop's check of range and speed: limit violation",
     ),
     "no_box": Contender(
         lambda env, params: JSSAShield(env, viability=False, failsafe=params),
         without="viability box: a stop that does not exist",
     ),
     "no_limit_check": Contender(
-        partial(_weakened, _Boundless), without="the stop's limit check: limit violation, unless the box is enough"
+        partial(_weakened, _Boundless),
+        without="the stop's check of range and speed: limit violation, unless the box is enough",
     ),
     "closest_row": Contender(
         lambda env, params: JSSAShield(env, rows="closest", failsafe=params),

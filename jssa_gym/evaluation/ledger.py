@@ -10,8 +10,8 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
-import jssa_gym.evaluation.campaign as campaigns
-from jssa_gym.evaluation.campaign import Campaign, Cell, Chunk, Episode
+from jssa_gym.evaluation.campaign import Campaign, Cell
+from jssa_gym.evaluation.episodes import Chunk, Episode
 from jssa_gym.exceptions import ParameterError
 
 _KINDS = get_type_hints(Episode)
@@ -32,7 +32,7 @@ _ACTING = (
 
 def source_hash() -> str:
     """Hash of all source code that decides how an episode goes."""
-    package, text = Path(campaigns.__file__).parents[1], hashlib.sha256()
+    package, text = Path(__file__).parents[1], hashlib.sha256()
     for part in _ACTING:
         place = package / part
         for file in [place] if place.is_file() else sorted(place.rglob("*.py")):
@@ -116,6 +116,11 @@ class Ledger:
             file.flush()
             os.fsync(file.fileno())
         self.episodes += episodes
+
+    def ordered(self) -> list[Episode]:
+        """All episodes in the order of the campaign, whoever finished first."""
+        place = {cell: k for k, cell in enumerate(self.campaign.seeds())}
+        return sorted(self.episodes, key=lambda episode: (place[episode.cell], episode.seed))
 
     def keep_worst(self, count: int) -> None:
         """Delete all recordings but those of the worst episodes."""

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jssa_gym.evaluation.campaign import Cell, Episode
+from jssa_gym.evaluation.campaign import Cell
+from jssa_gym.evaluation.episodes import Episode
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.validation import known_name
 
