@@ -78,7 +78,7 @@ def test_states_are_in_the_domain_and_seeded():
 
 def test_a_domain_without_such_states_is_an_error():
     with pytest.raises(ParameterError, match="hardly any state"):
-        sampled(IndexParams(), "forearm", Domain(distance=(8.0, 9.0)), states=1)
+        sampled(IndexParams(), "forearm", Domain(distance=(8.0, 9.0)), states=100)
     with pytest.raises(ParameterError, match="capsule"):
         sampled(IndexParams(), "nose")
     with pytest.raises(ParameterError, match="states"):

@@ -25,8 +25,8 @@ _KEPT = 1e-6
 _DRAWS = 1 << 14
 """States drawn at a time."""
 
-_PATIENCE = 50
-"""Times more states are drawn than asked for before a domain counts as empty."""
+_RAREST = 1e-3
+"""Share of the draws that have to lie in the domain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,8 +128,8 @@ def sample_feasibility(
         np.zeros((3, n)),
     )
     found: list[Array] = []
-    margin, worst, sphere, count = np.inf, np.zeros((3, n)), np.zeros((2, 3)), 0
-    for _ in range(_PATIENCE * (states // _DRAWS + 1)):
+    margin, worst, sphere, count, tries = np.inf, np.zeros((3, n)), np.zeros((2, 3)), 0, 0
+    while count < states:
         drawn = np.stack(
             [
                 rng.uniform(low, high, (_DRAWS, n)),
@@ -157,18 +157,14 @@ def sample_feasibility(
             out,
         )
         inside = np.flatnonzero(~np.isnan(out[:, 0]))[: states - count]
-        if len(inside) == 0:
-            continue
-        count += len(inside)
+        count, tries = count + len(inside), tries + _DRAWS
+        if count < min(_RAREST * tries, states):
+            raise ParameterError(f"hardly any state of {domain} has an index of 0: {count} of {tries} draws")
         found.append(out[inside])
         k = inside[np.argmax(out[inside, 0])]
         if -out[k, 0] < margin:
             margin, worst = float(-out[k, 0]), drawn[k].copy()
             sphere = np.array([agents[k]["start"], agents[k]["start_velocity"]])
-        if count == states:
-            break
-    else:
-        raise ParameterError(f"hardly any state of {domain} has an index of 0: {count} of {states} were found")
     ahead, jerk = np.concatenate(found).T
     levels = (0.0, 0.01, 0.05, 0.5)
     return Feasibility(
