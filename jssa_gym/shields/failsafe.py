@@ -1,5 +1,6 @@
 """The outermost layer of a filter: nothing is applied that a verified stop does not follow."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -127,14 +128,22 @@ class VerifiedStop:
             self._time += self.dt
         return self._advance()
 
-    def confirm(self, scene: Scene, state: Array, wanted: Array, watch: Watch) -> Verdict:
+    def confirm(
+        self, scene: Scene, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]
+    ) -> Verdict:
         """The wanted jerk (n,) if its stop is verified; else half way to the stored stop's; else the stored stop's.
+
+        What stands in the way concerns one capsule, and only the joints that carry it. Before all joints are slowed
+        down, another jerk is asked for with which only these go on with the stored stop: a hand near the base shall
+        not keep the arm from folding away.
 
         Args:
             scene: The present; of it the static agents are read. Raises if they cannot be.
             state: Shape (3, n).
             wanted: Shape (n,) [rad/s³], finite.
             watch: The people, from :meth:`watch`, without a fault.
+            amend: Called with a number of joints, counted from the base, and the stored stop's jerk (n,); the jerk
+                wanted if those joints have to go on with that.
         """
         static, planes, people = scene.static, scene.planes, watch.human
         self._statics = records_for(static, self._statics)
@@ -150,42 +159,50 @@ class VerifiedStop:
         load_agents(people.start, people.end, people.start_velocity, people.end_velocity, people.radius, self._agents)
         params = self.params
         reach = self._growth * (watch.age + params.actuation_lag) + (params.position_error + params.tracking_error)
-        jerk = np.empty(self.robot.n)
-        which, code, row, column, moment = choose(
-            self.robot.links,
-            self.robot.capsules,
-            self._levers,
-            self.robot.self_pairs,
-            state,
-            wanted,
-            self._stored,
-            self._tick,
-            self._bounds,
-            self.dt,
-            self._agents,
-            reach,
-            self._growth,
-            self._touch,
-            self._statics,
-            self._planes,
-            params.tracking_error,
-            jerk,
-            self._after,
-            self._next,
-            self._posture,
-            self._fastest,
-            self._frames,
-            self._segments,
-        )
-        # this may raise; nothing is to have changed then
-        reason = self._describe(code, row, column, moment, scene, people)
+        n = self.robot.n
+        jerk, halt, held, reason = np.empty(n), np.empty(n), 0, ""
+        stop_jerk(self._stored, self._tick, halt)
+        while True:
+            which, code, row, column, moment = choose(
+                self.robot.links,
+                self.robot.capsules,
+                self._levers,
+                self.robot.self_pairs,
+                state,
+                wanted,
+                self._stored,
+                self._tick,
+                self._bounds,
+                self.dt,
+                self._agents,
+                reach,
+                self._growth,
+                self._touch,
+                self._statics,
+                self._planes,
+                params.tracking_error,
+                jerk,
+                self._after,
+                self._next,
+                self._posture,
+                self._fastest,
+                self._frames,
+                self._segments,
+            )
+            if held == 0:
+                reason = self._describe(code, row, column, moment, scene, people)
+            carried = int(self.robot.capsules[row]["link"]) + 1 if row >= 0 else n
+            if which == 0 or not held < carried < n:
+                break
+            held = carried
+            wanted = amend(held, halt)
         if which == 2:
             self._tick += 1
         else:
             self._stored, self._next = self._next, self._stored
             self._tick, self._verified = 0, True
         self._expected, self._after = self._after, self._expected
-        return Verdict(jerk, which == 0, reason, self._verified)
+        return Verdict(jerk, which == 0 and held == 0, reason, self._verified)
 
     def _describe(self, code: int, row: int, column: int, moment: float, scene: Scene, people: CapsuleSet) -> str:
         if code == 0:

@@ -171,13 +171,19 @@ class SafetyFilter(ABC):
             return self._brake(nominal, _UNFIT[wrong])
         if guard is not None and watch is not None:
             try:
-                verdict = guard.confirm(scene, self._state, jerk, watch)
+                verdict = guard.confirm(
+                    scene, self._state, jerk, watch, lambda held, halt: self._amended(decision, held, halt)
+                )
             except Exception as error:  # whatever static agents a scene has, the arm must go on safely
                 return self._brake(nominal, f"the scene does not fit: {error}")
             if not verdict.proposed:
                 decision = self._overruled(decision, verdict)
         self._applied[:] = decision.jerk
         return decision
+
+    def _amended(self, decision: Decision, held: int, halt: Array) -> Array:
+        """The jerk to apply if the first ``held`` joints have to follow the stored stop's, ``halt`` (n,)."""
+        return np.concatenate([halt[:held], decision.jerk[held:]])
 
     def _overruled(self, decision: Decision, verdict: Verdict) -> Decision:
         """The verified stop has decided."""

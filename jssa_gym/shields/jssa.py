@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.printed import measure_present, printed_rows
-from jssa_gym.kernels.projection import violation
+from jssa_gym.kernels.projection import clip, violation
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.kernels.tick import look_ahead, look_back, rows_ahead
 from jssa_gym.robots import RobotModel
@@ -25,6 +25,10 @@ _TOLERANCE = 1e-6
 
 _LINEARISATIONS = 3
 """How often the exact row is linearised anew at the projected jerk; once is the rule."""
+
+
+class _UnsolvedError(Exception):
+    """There is no jerk to go on with; the message says why."""
 
 
 class JSSAFilter(SafetyFilter):
@@ -203,11 +207,45 @@ class JSSAFilter(SafetyFilter):
 
     def _exact(self, state: Array, agents: NDArray, humans: int, nominal: Array, inside: bool) -> Decision:
         """Exact rows; ``agents`` are moved to the end of the step."""
-        jerk, feasible, left, rows, note = self._clipped, True, 0.0, 0, ""
-        self._seen, self._humans, recovering = agents, humans, False
-        worst, _, row, column, distance = self._ahead(state, agents, jerk, humans, True, 0)
+        self._seen, self._humans = agents, humans
+        try:
+            kept, recovering, jerk, left, rows, note, worst, distance, pair = self._solve(nominal, True)
+        except _UnsolvedError as error:
+            return self._failed(nominal, str(error))
+        decision = self._decision(nominal, jerk, inside, kept, left, rows, note, worst, distance, pair)
+        if recovering and decision.status == Status.PROJECTED:
+            return decision._replace(status=Status.RELAXED, reason="recovering" + (f"; {note}" if note else ""))
+        return decision
+
+    def _amended(self, decision: Decision, held: int, halt: Array) -> Array:
+        """Projected once more, in a box that leaves the held joints no choice."""
+        if self.gradient == "printed":
+            return super()._amended(decision, held, halt)
+        lower, upper = self.lower, self.upper
+        self.lower, self.upper = lower.copy(), upper.copy()
+        self.lower[:held] = self.upper[:held] = halt[:held]
+        try:
+            clip(decision.nominal, self.lower, self.upper, self._clipped)
+            return self._solve(decision.nominal, False)[2].copy()
+        except _UnsolvedError:
+            return super()._amended(decision, held, halt)
+        finally:
+            self.lower, self.upper = lower, upper
+
+    def _solve(
+        self, nominal: Array, move: bool
+    ) -> tuple[bool, bool, Array, float, int, str, float, float, tuple[int, int]]:
+        """Project the nominal into rows and box; moves the agents to the end of the step first if asked to.
+
+        Returns:
+            Whether the rows are kept, whether some are recovering, the jerk, what is left of the rows [m²], their
+            number, the projector's note; index, distance and pair at the end of the step.
+        """
+        state, agents, humans = self._state, self._seen, self._humans
+        jerk, feasible, left, rows, note, recovering = self._clipped, True, 0.0, 0, "", False
+        worst, _, row, column, distance = self._ahead(state, agents, jerk, humans, move, 0)
         if not worst < np.inf:
-            return self._failed(nominal, "the safety index is not finite")
+            raise _UnsolvedError("the safety index is not finite")
         if worst > 0.0:
             only = -1
             if self.rows == "closest":
@@ -225,17 +263,14 @@ class JSSAFilter(SafetyFilter):
                 )
                 jerk, feasible, note = projection.jerk, projection.feasible, projection.note
                 if np.isnan(projection.violation):
-                    return self._failed(nominal, "the projection found no solution")
+                    raise _UnsolvedError("the projection found no solution")
                 worst, left, row, column, distance = self._ahead(state, agents, jerk, humans, False, rows)
                 if left <= _TOLERANCE or not feasible:
                     break
             if not (left < np.inf and worst < np.inf):
-                return self._failed(nominal, "the safety index is not finite")
+                raise _UnsolvedError("the safety index is not finite")
         kept = feasible and left <= _TOLERANCE
-        decision = self._decision(nominal, jerk, inside, kept, left, rows, note, worst, distance, (row, column))
-        if recovering and decision.status == Status.PROJECTED:
-            return decision._replace(status=Status.RELAXED, reason="recovering" + (f"; {note}" if note else ""))
-        return decision
+        return kept, recovering, jerk, left, rows, note, worst, distance, (row, column)
 
     def _printed(self, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         """Rows of Eq. (13) from the present, projected once; the index is their own S - L u."""
