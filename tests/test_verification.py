@@ -423,6 +423,7 @@ def quiet(robot, share=0.05):
     )
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numpy's own, where kernels are not compiled
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(
     "where",
