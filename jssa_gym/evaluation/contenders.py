@@ -97,8 +97,10 @@ class _SlowPeople(VerifiedStop):
 class _OffByOne(VerifiedStop):
     """Goes on with a stored stop one tick late: its first jerk is applied twice."""
 
-    def confirm(self, scene: Scene, state: Array, wanted: Array, watch: Watch) -> Verdict:
-        verdict = super().confirm(scene, state, wanted, watch)
+    def confirm(
+        self, scene: Scene, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]
+    ) -> Verdict:
+        verdict = super().confirm(scene, state, wanted, watch, amend)
         if self._tick == 0:
             self._tick = -1
         return verdict

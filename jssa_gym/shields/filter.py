@@ -193,7 +193,10 @@ class SafetyFilter(ABC):
         decision = decision._replace(jerk=verdict.jerk, status=status, reason=reason, slack=np.nan)
         if np.isnan(decision.phi):
             return decision
-        phi, distance, pair = self._foresee(verdict.jerk)
+        try:
+            phi, distance, pair = self._foresee(verdict.jerk)
+        except Exception:  # what it says is for the eye; the stop is on its way
+            phi, distance, pair = np.nan, np.nan, (-1, -1)
         return decision._replace(phi=phi, distance=distance, pair=pair)
 
     def _cornered(self, nominal: Array) -> Decision:
