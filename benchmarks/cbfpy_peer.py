@@ -53,7 +53,7 @@ from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields import JSSAFilter
 from jssa_gym.types import Array, Scene, Status
 
-INDEX = IndexParams(d_min=0.05, lambda1=1.25, lambda2=0.39)
+INDEX = IndexParams()
 DT = 0.008
 SOLVERS: dict[str, dict[str, Any]] = {
     "qpax": {"backend": "qpax"},

@@ -861,7 +861,7 @@ def test_a_faster_person_never_gets_more_let_through(robot, make_scene, seed, ti
 
 # ---- recovery --------------------------------------------------------------------------------------------
 
-INDEX = ref.Params(0.05, 1.25, 0.39)
+INDEX = ref.Params(0.05, 2.0, 0.25)
 
 
 def index_of_pair(scene, jerk, tau, i, j):

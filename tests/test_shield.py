@@ -24,7 +24,7 @@ TABLE = 0.87
 TOLERANCE = 1e-6
 HOME = np.array([0.0, 0.0, 0.0, 0.0, -np.pi / 2.0, 0.0])
 JERK = np.radians([3798.0, 3408.0, 3505.0, 7011.0, 7011.0, 10712.0])
-PARAMS = ref.Params(0.05, 1.25, 0.39)
+PARAMS = ref.Params(0.05, 2.0, 0.25)
 CHAIN = [ref.lr_mate_chain()[0]._replace(offset=np.array([0.0, 0.0, 0.330 + TABLE])), *ref.lr_mate_chain()[1:]]
 PAIRS = [(i, j) for i in range(5) for j in range(6)]
 
