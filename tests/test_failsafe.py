@@ -828,6 +828,25 @@ def test_what_stands_in_the_way_is_named_and_missed(robot, make_scene, what):
     assert arm.at_rest() or nearest > 0.0
 
 
+@pytest.mark.parametrize("what", ["wall", "post"])
+def test_a_thing_without_a_name_is_a_fault_that_keeps_the_stop(robot, make_scene, what):
+    """What is in the way cannot be told: the stored stop goes on, by one tick and no more."""
+    arm, faults = Arm(plain(robot), make_scene, human=nobody()), 0
+    changes = {"static": ball(TIP + np.array([0.45, 0.0, -0.1]))._replace(names=())}
+    if what == "wall":
+        changes = {"planes": Planes(np.array([[-1.0, 0.0, 0.0]]), np.array([-0.9]), ())}
+    for _ in range(300):
+        tail, left = arm.tail, arm.left
+        decision = arm.step(0.3 * robot.limits.jerk * [0, 1, 1, 0, 0, 0], **changes)
+        if decision.status == Status.FAULT:
+            faults += 1
+            assert "does not fit" in decision.reason
+            np.testing.assert_array_equal(decision.jerk, tail)
+            assert arm.left == max(left - 1, 0)
+    assert faults > 3
+    assert arm.inside()
+
+
 def test_an_error_of_tracking_is_kept_from_what_stands_still_too(robot, make_scene):
     nearest = {}
     for error in (0.0, 0.02):
