@@ -4,8 +4,8 @@ Every candidate goes through the same seeds: people who walk up to the arm and p
 holds its place or wanders, and harmless motion, namely wandering and reaching with a person standing 2 m from the base.
 Chosen is the one that intervenes least in harmless motion among those with contacts in at most 1 % of the episodes.
 
-    python benchmarks/choose_lambda.py --episodes 60 --out choose_lambda.csv
-    python benchmarks/choose_lambda.py --episodes 300 --only 1.6,0.39,0.5,5,0.05
+    python benchmarks/choose_lambda.py --episodes 100 --cells "pass wander,far wander,far reach,bare wander,bare reach"
+    python benchmarks/choose_lambda.py --episodes 300 --only 2,0.25
 
 Each episode is a line of the file beside the table (.jsonl), so that a run can be interrupted and gone on with.
 """
@@ -13,7 +13,6 @@ Each episode is a line of the file beside the table (.jsonl), so that a run can 
 import argparse
 import csv
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,9 +69,8 @@ class Candidate(NamedTuple):
         )
 
 
-CANDIDATES = (
-    *(Candidate(*pair) for pair in ((3, 1), (6, 6), (6, 8), (8, 8), (1, 0.25), (0.9, 0.25), (1.25, 0.39), (1.6, 0.39))),
-    *(Candidate(*pair) for pair in ((2, 0.5), (2, 0.8))),
+CANDIDATES = tuple(
+    Candidate(*pair) for pair in ((1, 0.25), (1.25, 0.39), (1.6, 0.2), (2, 0.25), (2, 0.5), (3, 1), (6, 8))
 )
 
 
@@ -191,7 +189,7 @@ def look_back(arm: Any, status: list[int], distance: list[float], speed: list[fl
     }
 
 
-def run(candidate: Candidate, cells: Iterator[str] | tuple[str, ...], episodes: int, done: dict, log: Path) -> None:
+def run(candidate: Candidate, cells: tuple[str, ...], episodes: int, done: dict, log: Path) -> None:
     for name in cells:
         cell = CELLS[name]
         who = candidate.name if cell.shielded else "bare"

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.feasibility import probe
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
@@ -68,8 +67,10 @@ class Feasibility:
     r"""Whether some admissible jerk keeps :math:`\phi_{k+1} \le 0`, Eq. (7), for one capsule of the robot."""
 
     capsule: str
-    infeasible: Rate
-    """States for which none does, with its 95 % interval."""
+    infeasible: int
+    """States for which none does; ``Rate.of(infeasible, states)`` of ``jssa_gym.evaluation`` is its interval."""
+    states: int
+    """States drawn."""
     margin: float
     r"""Smallest :math:`-\phi_{k+1}` under the best jerk [m²]; negative where Eq. (7) fails."""
     worst: Array
@@ -169,7 +170,8 @@ def sample_feasibility(
     levels = (0.0, 0.01, 0.05, 0.5)
     return Feasibility(
         capsule=capsule,
-        infeasible=Rate.of(int(np.sum(~(ahead <= _KEPT))), count),
+        infeasible=int(np.sum(~(ahead <= _KEPT))),
+        states=count,
         margin=margin,
         worst=worst,
         sphere=sphere,
