@@ -38,7 +38,7 @@ def person(x: float = 0.0, velocity: float = 0.0, **changes) -> CapsuleSet:
 def spoilt(people: CapsuleSet, field: str, value: float, index=(1, 2)) -> CapsuleSet:
     array = getattr(people, field).copy()
     array[index] = value
-    return dataclasses.replace(people, **{field: array})
+    return people._replace(**{field: array})
 
 
 def ages(first: float = 0.0, second: float = 0.0) -> np.ndarray:
@@ -324,7 +324,7 @@ def test_the_number_of_speeds_has_to_fit():
 
 def test_other_number_types_are_read(monitor):
     people = person(start=np.zeros((2, 3), np.float32), person=np.zeros(2, np.int32))
-    people = dataclasses.replace(people, end=np.asfortranarray(np.zeros((2, 3), int)))
+    people = people._replace(end=np.asfortranarray(np.zeros((2, 3), int)))
     watch = monitor.update(np.float32(0.0), people, np.zeros(2, np.float32), BOTH)
     assert (watch.fault, watch.reason) == (False, "")
     assert watch.human.start.dtype == np.float64

@@ -47,7 +47,11 @@ class Bench:
             plain = lambda: gym.make("jssa_gym/Home-v0", human=paper_scene(0.8), terminate_on=())  # noqa: E731
             steps = 1000 * self.rounds
             timings.append(benchmark.time_steps(plain, "env.step", steps))
-            timings.append(benchmark.time_steps(lambda: JSSAShield(plain()), "env.step, shielded", steps))
+            for name, shield in (
+                ("env.step, shielded, rows alone", lambda: JSSAShield(plain(), viability=False, failsafe=False)),
+                ("env.step, shielded, all layers", lambda: JSSAShield(plain())),
+            ):
+                timings.append(benchmark.time_steps(shield, name, steps))
             done("projections")
             timings += benchmark.time_projectors(robot, dt, scenes, max(self.rounds // 5, 1))
             done("distances")

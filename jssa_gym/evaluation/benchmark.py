@@ -21,6 +21,7 @@ from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.records import FRAME, PAIR, SEGMENT, records
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.projectors import ExactProjector, OSQPProjector
 from jssa_gym.safety.proximity import agent_records, state_rows
 from jssa_gym.shields import JSSAFilter, JSSAShield
@@ -58,12 +59,17 @@ def record_scenes(env_human: Any, steps: int = 1000) -> tuple[RobotModel, float,
 
 
 def time_decisions(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array]], rounds: int) -> list[Timing]:
-    """``filter.decide`` with all pairs, by what it decided; the same with OSQP as the projector."""
-    timings = []
-    filters = {p: JSSAFilter(robot, dt, projector=p) for p in ("exact", "osqp")}
+    """``filter.decide`` with all pairs, by what it decided: rows alone, rows by OSQP, and with all layers on."""
+    filters = {
+        "rows": JSSAFilter(robot, dt),
+        "rows by OSQP": JSSAFilter(robot, dt, projector="osqp"),
+        "all layers": JSSAFilter(robot, dt, viability=True, failsafe=FailsafeParams()),
+    }
     times: dict[tuple[str, Status], list[float]] = {}
     everything: dict[str, list[float]] = {name: [] for name in filters}
     for _ in range(rounds):
+        for chosen in filters.values():
+            chosen.reset(scenes[0][0])
         for scene, nominal in scenes:
             for name, chosen in filters.items():
                 start = time.perf_counter()
@@ -71,10 +77,13 @@ def time_decisions(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array
                 took = time.perf_counter() - start
                 times.setdefault((name, decision.status), []).append(took)
                 everything[name].append(took)
-    timings.append(_timing("filter.decide, all pairs, whole episode", everything["exact"]))
-    for (name, status), values in sorted(times.items()):
-        if len(values) >= 20:
-            timings.append(_timing(f"  of it {status.name}, projector {name}", values))
+    timings = []
+    for name, values in everything.items():
+        timings.append(_timing(f"decision, {name}, whole episode", values))
+        for status in Status:
+            chosen_times = times.get((name, status), [])
+            if len(chosen_times) >= 20:
+                timings.append(_timing(f"  of it {status.name}", chosen_times))
     return timings
 
 
