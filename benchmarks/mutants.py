@@ -1,0 +1,415 @@
+"""Mutation testing of the shield: each guard is broken once, and some test has to notice.
+
+    python benchmarks/mutants.py                 # all, some ten minutes on one core
+    python benchmarks/mutants.py age tail        # those whose name contains one of the words
+
+A mutant is a substitution in the source of a copy of the package; the tests that are to notice it run on that copy
+with kernels that are not compiled (compiling each mutant takes longer than its tests). Exit status 1 if one survives,
+or if a substitution no longer fits the source.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+TIMEOUT = 300.0
+"""A mutant that keeps its tests busy for longer is noticed too [s]."""
+
+KERNELS = "tests/test_verification.py"
+FILTERS = "tests/test_failsafe.py"
+ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
+FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
+PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
+ROWS = (FILTERS, "rows_ask and (0.2 or 0.5)")
+MOTION = (KERNELS, "agree or rest or spinning or foreseen or touch_is or single_joint or endless")
+NUMBERS = (KERNELS, "no_number or fixtures or deviation")
+CHOICE = (KERNELS, "choice or every_instant or within_the_step")
+
+
+class Mutant(NamedTuple):
+    """One way to break the shield."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, str]
+    """A test file and an expression that chooses of its tests."""
+
+
+def _kernel(name, old, new, tests=MOTION):
+    return Mutant(name, "kernels/verification.py", old, new, tests)
+
+
+def _guard(name, old, new, tests=ASSUMPTIONS):
+    return Mutant(name, "shields/failsafe.py", old, new, tests)
+
+
+def _filter(name, old, new, tests=FAULTS):
+    return Mutant(name, "shields/filter.py", old, new, tests)
+
+
+PERSON = """                radii = robot["radius"] + agent["radius"]
+                gap, _, _ = capsule_pair(robot["start"], robot["end"], agent["start"], agent["end"], radii)"""
+STATIC = """                radii = robot["radius"] + static["radius"]"""
+FAILED = """            return self._brake(nominal, f"the filter failed: {type(error).__name__}: {error}")"""
+DESCRIPTION = "        reason = self._describe(code, row, column, moment, scene, people)\n"
+DESCRIBED = (
+    DESCRIPTION
+    + """        if which == 2:
+            self._tick += 1
+        else:
+            self._stored, self._next = self._next, self._stored
+            self._tick, self._verified = 0, True
+        self._expected, self._after = self._after, self._expected
+        return Verdict(jerk, which == 0, reason, self._verified)"""
+)
+ROW = """        row[j] = -slope"""
+
+MUTANTS = [
+    # what a verification looks at
+    _kernel("robot's radius dropped", PERSON, PERSON.replace('robot["radius"] + ', "", 1)),
+    _kernel("person's radius dropped", PERSON, PERSON.replace(' + agent["radius"]', "", 1)),
+    _kernel("static's radius dropped", STATIC, STATIC.replace(' + static["radius"]', "")),
+    _kernel("reach dropped", "gap - reach[k] - speed[k] * t", "gap - speed[k] * t"),
+    _kernel("v t of the person dropped", "gap - reach[k] - speed[k] * t", "gap - reach[k]"),
+    _kernel("person's speed not in the closing speed", "/ (rate + speed[k])", "/ max(rate, 1e-9)"),
+    _kernel("first tick not checked", "end, t = dt * (1 + ticks), 0.0", "end, t = dt * (1 + ticks), dt"),
+    _kernel("last ticks not checked", "end, t = dt * (1 + ticks), 0.0", "end, t = dt * (1 + ticks // 2), 0.0"),
+    _kernel(
+        "present speed instead of the largest to come",
+        "fastest[j] = peak_speed(after[1, j], after[2, j], stop, dt, t - dt)",
+        "fastest[j] = abs(stop_at(after[0, j], after[1, j], after[2, j], stop, dt, t - dt)[1])",
+    ),
+    _kernel("the stop's speed not foreseen in the step", "max(max(abs(now), turn), later)", "max(abs(now), turn)"),
+    _kernel("the step's turning point forgotten", "max(max(abs(now), turn), later)", "max(abs(now), later)"),
+    _kernel("spin forgotten", 'spin += (levers[i, j] + robot["radius"])', "spin += levers[i, j]"),
+    _kernel(
+        "half-spaces skipped",
+        "for k in range(planes.shape[0]):\n                    gap",
+        "for k in range(0):\n                    gap",
+    ),
+    _kernel("statics skipped", "            for k in range(statics.shape[0]):", "            for k in range(0):"),
+    _kernel("self pairs skipped", "for k in range(self_pairs.shape[0]):", "for k in range(0):"),
+    _kernel(
+        "one joint between self pairs forgotten",
+        'range(one["link"] + 1, two["link"] + 1)',
+        'range(one["link"] + 1, two["link"])',
+    ),
+    _kernel("margin of self pairs dropped", "gap - 2.0 * margin", "gap"),
+    _kernel("too many looks read as safe", "return UNDECIDED, -1, -1, t", "return SAFE, -1, -1, t"),
+    _kernel(
+        "NaN distance of a person passes",
+        "if not (lasts > _SHORTEST):\n                    return REACH",
+        "if lasts <= _SHORTEST:\n                    return REACH",
+        NUMBERS,
+    ),
+    _kernel(
+        "NaN half-space passes",
+        "sound = sound and abs(length2 - 1.0) < 1e-6 and np.isfinite(offset[j])",
+        "sound = sound and not abs(length2 - 1.0) >= 1e-6",
+        NUMBERS,
+    ),
+    _kernel(
+        "NaN does not deviate",
+        "if not abs(state[0, j] - expected[0, j]) <= tolerance * (bounds[1, j] - bounds[0, j]):",
+        "if abs(state[0, j] - expected[0, j]) > tolerance * (bounds[1, j] - bounds[0, j]):",
+        NUMBERS,
+    ),
+    _kernel(
+        "levers' touch speed of everybody", "spin <= max(touch[k], REST)", "spin <= max(touch.max(), REST)", ASSUMPTIONS
+    ),
+    # how a jerk is chosen
+    _kernel("limits check skipped", "if keeps_limits(state, jerk, after, plan, bounds, dt):", "if True:", CHOICE),
+    _kernel("the step's limits not checked", "if not step_keeps(", "if False and not step_keeps(", CHOICE),
+    _kernel("the stop's limits not checked", "if not stop_keeps(", "if False and not stop_keeps(", CHOICE),
+    _kernel("half-way jerk not verified", "if code == SAFE:", "if code == SAFE or attempt == 1:", CHOICE),
+    _kernel(
+        "tail one tick ahead",
+        "stop_jerk(stored, tick, jerk)\n    integrate",
+        "stop_jerk(stored, tick + 1, jerk)\n    integrate",
+        CHOICE,
+    ),
+    _kernel(
+        "tail instead of which the wanted goes on",
+        "    stop_jerk(stored, tick, jerk)\n    integrate",
+        "    jerk[:] = wanted\n    integrate",
+        CHOICE,
+    ),
+    # what the stored stop is
+    Mutant("tail's ramp one tick longer", "kernels/stopping.py", "if left < 0:", "if left <= 0:", PROMISES),
+    Mutant(
+        "peak within the ramp forgotten",
+        "kernels/stopping.py",
+        'if stop["jerk_in"] != 0.0 and t < -a / stop["jerk_in"] < end:',
+        "if False:",
+        MOTION,
+    ),
+    Mutant(
+        "jerk limit of stops twice as large",
+        "kernels/stopping.py",
+        "step = J * tau\n",
+        "step = 2.0 * J * tau\n",
+        CHOICE,
+    ),
+    Mutant(
+        "levers halved",
+        "safety/failsafe.py",
+        "max(out[i, j], across + beyond)",
+        "max(out[i, j], 0.5 * (across + beyond))",
+        (KERNELS, "levers"),
+    ),
+    Mutant(
+        "levers of the last link only",
+        "safety/failsafe.py",
+        "beyond += np.linalg.norm(arm)",
+        "beyond += 0.0",
+        (KERNELS, "levers"),
+    ),
+    _guard("stored stop not swapped", "self._stored, self._next = self._next, self._stored\n", "pass\n", PROMISES),
+    _guard("stored stop's tick not reset", "self._tick, self._verified = 0, True", "self._verified = True", PROMISES),
+    _guard(
+        "stored stop goes on two ticks",
+        "            self._tick += 1\n        else:",
+        "            self._tick += 2\n        else:",
+        PROMISES,
+    ),
+    _guard("expectation not kept", "self._expected, self._after = self._after, self._expected\n", "pass\n", PROMISES),
+    _guard(
+        "a deviation is ignored", "if not deviates(state, self._expected, self._bounds, _STRAY):", "if True:", FAULTS
+    ),
+    _guard(
+        "missed ticks are not counted", "for passed in range(1, due + 1):", "for passed in range(due, due + 1):", FAULTS
+    ),
+    _guard(
+        "any stop counts as verified",
+        "self._verified = bool(np.all(np.abs(state[1:]) < REST))",
+        "self._verified = True",
+        FAULTS,
+    ),
+    _guard(
+        "described after all has changed",
+        DESCRIBED,
+        DESCRIBED.replace(DESCRIPTION, "").replace("which == 0, reason,", f"which == 0, {DESCRIPTION[17:-1]},"),
+        (FILTERS, "without_a_name"),
+    ),
+    # what is assumed
+    _guard("age dropped", "watch.age + params.actuation_lag", "params.actuation_lag"),
+    _guard("lag dropped", "watch.age + params.actuation_lag", "watch.age"),
+    _guard("tracking error dropped", "params.position_error + params.tracking_error", "params.position_error"),
+    _guard("position error dropped", "params.position_error + params.tracking_error", "params.tracking_error"),
+    _guard("max_age ignored", "max_age=self.params.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
+    _guard(
+        "no margin to what stands",
+        "            params.tracking_error,\n            jerk,",
+        "            0.0,\n            jerk,",
+        (FILTERS, "tracking"),
+    ),
+    Mutant(
+        "limbs as slow as bodies",
+        "safety/failsafe.py",
+        "return self.limb_speed if",
+        "return self.human_speed if",
+        ASSUMPTIONS,
+    ),
+    Mutant(
+        "parts not named may be touched",
+        "safety/failsafe.py",
+        "speeds.get(part, 0.0)",
+        "speeds.get(part, 1.0)",
+        ASSUMPTIONS,
+    ),
+    Mutant(
+        "jumps are believed",
+        "kernels/trust.py",
+        "if not _within(ends, j, track, allowed):",
+        "if False:",
+        (FILTERS, "jumping"),
+    ),
+    Mutant(
+        "a frozen source is believed",
+        "kernels/trust.py",
+        "return fastest > CLAIMS_MOTION * CLAIMS_MOTION",
+        "return False",
+        (FILTERS, "frozen"),
+    ),
+    # failing closed
+    _filter(
+        "exception returns the nominal",
+        FAILED,
+        FAILED.replace('self._brake(nominal, f"the', 'Decision(nominal, nominal, Status.FAULT, f"the').replace(
+            '{error}")', '{error}", 0.0, 0.0, (-1, -1), 0.0, 0)'
+        ),
+    ),
+    _filter("a filter's own fault is applied", "if decision.status == Status.FAULT:", "if False:"),
+    _filter(
+        "a scene that does not fit is no fault",
+        'return self._brake(nominal, f"the scene does not fit: {error}")',
+        'verdict = Verdict(jerk, True, "", True)',
+    ),
+    _filter("the answer is not looked at", "        if wrong:\n", "        if False:\n"),
+    _filter("watch's fault is ignored", "if watch.fault:", "if False:"),
+    _filter(
+        "brakes without the stored stop",
+        "self.fallback(self._state) if self._guard is None else self._guard.stop(blind)",
+        "self.fallback(self._state)",
+    ),
+    _filter("verification forgotten", "if not verdict.proposed:", "if False:", PROMISES),
+    _filter("an unverified stop is no fault", "if not verdict.verified:", "if False:"),
+    _guard(
+        "a blind tick takes no time",
+        "            self._time += self.dt\n        return self._advance()",
+        "            pass\n        return self._advance()",
+        FAULTS,
+    ),
+    Mutant(
+        "viability box ignored",
+        "kernels/tick.py",
+        "if viability and fault == 0:",
+        "if False:",
+        (FILTERS, "viability_box"),
+    ),
+    Mutant(
+        "NaN answer passes",
+        "kernels/tick.py",
+        "        if not np.isfinite(u):\n            return 1\n        if not lower[k] <= u <= upper[k]:",
+        "        if u < lower[k] or u > upper[k]:",
+        FAULTS,
+    ),
+    Mutant(
+        "fallback returns the nominal",
+        "kernels/projection.py",
+        "out[k] = min(max(0.0, lower[k]), upper[k])",
+        "out[k] = min(max(nominal[k], lower[k]), upper[k])",
+        ("tests/test_fail_closed.py", "unsolvable"),
+    ),
+    # rows
+    Mutant("factor 2 in a row", "kernels/index.py", ROW, ROW.replace("-slope", "-2.0 * slope"), ROWS),
+    Mutant("sign of a row", "kernels/index.py", ROW, ROW.replace("-slope", "slope"), ROWS),
+    Mutant(
+        "sign of the acceleration in the index",
+        "kernels/index.py",
+        "- index.lambda2 * curvature",
+        "+ index.lambda2 * curvature",
+        ROWS,
+    ),
+    Mutant(
+        "plain square in the index",
+        "kernels/index.py",
+        "distance * abs(distance) -",
+        "distance * distance -",
+        ("tests/test_index.py", "deeper"),
+    ),
+    Mutant(
+        "Jacobian of the wrong link",
+        "kernels/index.py",
+        '        if j > segment["link"]:',
+        '        if j >= segment["link"]:',
+        ROWS,
+    ),
+    Mutant(
+        "recovery asks for the present index",
+        "kernels/index.py",
+        'now[i, j]["phi"] - recovery * span',
+        'now[i, j]["phi"]',
+        ROWS,
+    ),
+    Mutant(
+        "recovery asks for too much less",
+        "kernels/index.py",
+        'now[i, j]["phi"] - recovery * span',
+        'now[i, j]["phi"] - 0.5 * recovery * span',
+        ROWS,
+    ),
+    Mutant(
+        "the present index of the future people",
+        "kernels/tick.py",
+        "    advance(agents, -dt)\n    index",
+        "    index",
+        ROWS,
+    ),
+    Mutant(
+        "clip after projection",
+        "shields/jssa.py",
+        "jerk, feasible, note = projection.jerk, ",
+        "jerk, feasible, note = np.clip(projection.jerk, 0.3 * self.lower, 0.3 * self.upper), ",
+        ROWS,
+    ),
+    Mutant(
+        "degrees for radians",
+        "robots/lr_mate_200id_7l.py",
+        "return np.radians(np.array(degrees))",
+        "return np.array(degrees)",
+        ("tests/test_robot_model.py", "limit"),
+    ),
+]
+
+
+def run(tests: tuple[str, str], copy: Path) -> tuple[str, str]:
+    """Run some tests on a copy: ``"passed"``, ``"failed"`` or what else happened; and the first failure."""
+    environment = {
+        **os.environ, "PYTHONPATH": str(copy), "NUMBA_DISABLE_JIT": "1", "PYTHONDONTWRITEBYTECODE": "1",
+        "OMP_NUM_THREADS": "1",
+    }  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-x",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--tb=no",
+        tests[0],
+        "-k",
+        tests[1],
+    ]
+    try:
+        done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, timeout=TIMEOUT)
+    except subprocess.TimeoutExpired:
+        return "failed", "took too long"
+    first = next((line for line in done.stdout.splitlines() if line.startswith("FAILED")), "")
+    return {0: "passed", 1: "failed"}.get(done.returncode, f"error {done.returncode}"), first[7:].split(" - ")[0]
+
+
+def main() -> int:
+    words = sys.argv[1:]
+    chosen = [mutant for mutant in MUTANTS if not words or any(word in mutant.name for word in words)]
+    survived = broken = 0
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder)
+        ignore = shutil.ignore_patterns("__pycache__")
+        for part in ("jssa_gym", "tests"):
+            shutil.copytree(ROOT / part, copy / part, ignore=ignore)
+        shutil.copy(ROOT / "pyproject.toml", copy)
+        for tests in sorted({mutant.tests for mutant in chosen}):
+            outcome, first = run(tests, copy)
+            if outcome != "passed":
+                print(f"unchanged, {tests}: {outcome} {first}", flush=True)
+                return 1
+        for number, mutant in enumerate(chosen, 1):
+            path, begun = copy / "jssa_gym" / mutant.file, time.perf_counter()
+            source = path.read_text()
+            if source.count(mutant.old) != 1:
+                outcome, first = "does not fit", f"{source.count(mutant.old)} places in {mutant.file}"
+            else:
+                path.write_text(source.replace(mutant.old, mutant.new))
+                outcome, first = run(mutant.tests, copy)
+                path.write_text(source)
+            verdict = {"failed": "killed", "passed": "SURVIVED"}.get(outcome, outcome.upper())
+            survived += verdict == "SURVIVED"
+            broken += verdict not in ("killed", "SURVIVED")
+            seconds = time.perf_counter() - begun
+            print(f"{number:3d}  {verdict:9s} {seconds:5.0f} s  {mutant.name:48s} {first}", flush=True)
+    print(f"{len(chosen)} mutants: {len(chosen) - survived - broken} killed, {survived} survived, {broken} broken")
+    return int(survived + broken > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
