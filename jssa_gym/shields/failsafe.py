@@ -134,8 +134,8 @@ class VerifiedStop:
         """The wanted jerk (n,) if its stop is verified; else half way to the stored stop's; else the stored stop's.
 
         What stands in the way concerns one capsule, and only the joints that carry it. Before all joints are slowed
-        down, another jerk is asked for with which only these go on with the stored stop: a hand near the base shall
-        not keep the arm from folding away.
+        down, another jerk is asked for, once, with which only these go on with the stored stop: a hand near the base
+        shall not keep the arm from folding away.
 
         Args:
             scene: The present; of it the static agents are read. Raises if they cannot be.
@@ -161,8 +161,7 @@ class VerifiedStop:
         reach = self._growth * (watch.age + params.actuation_lag) + (params.position_error + params.tracking_error)
         n = self.robot.n
         jerk, halt, held, reason = np.empty(n), np.empty(n), 0, ""
-        stop_jerk(self._stored, self._tick, halt)
-        while True:
+        for _ in range(2):
             which, code, row, column, moment = choose(
                 self.robot.links,
                 self.robot.capsules,
@@ -189,12 +188,14 @@ class VerifiedStop:
                 self._frames,
                 self._segments,
             )
-            if held == 0:
-                reason = self._describe(code, row, column, moment, scene, people)
+            if held:
+                break
+            reason = self._describe(code, row, column, moment, scene, people)
             carried = int(self.robot.capsules[row]["link"]) + 1 if row >= 0 else n
-            if which == 0 or not held < carried < n:
+            if which == 0 or carried == n:
                 break
             held = carried
+            stop_jerk(self._stored, self._tick, halt)
             wanted = amend(held, halt)
         if which == 2:
             self._tick += 1
