@@ -25,6 +25,7 @@ TOLERANCE = 1e-6
 HOME = np.array([0.0, 0.0, 0.0, 0.0, -np.pi / 2.0, 0.0])
 JERK = np.radians([3798.0, 3408.0, 3505.0, 7011.0, 7011.0, 10712.0])
 PARAMS = ref.Params(0.05, 1.25, 0.39)
+INDEX = IndexParams(0.05, 1.25, 0.39)
 CHAIN = [ref.lr_mate_chain()[0]._replace(offset=np.array([0.0, 0.0, 0.330 + TABLE])), *ref.lr_mate_chain()[1:]]
 PAIRS = [(i, j) for i in range(5) for j in range(6)]
 
@@ -600,7 +601,7 @@ def test_relaxed_means_least_violation(robot, random_scene):
 
 
 def test_the_projected_jerk_is_the_nearest(robot, random_scene):
-    chosen = JSSAFilter(robot, DT, min_authority=0.0)
+    chosen = JSSAFilter(robot, DT, INDEX, min_authority=0.0)
     for scene, nominal, decision in statuses(chosen, random_scene, {Status.PROJECTED: 4}, motion=0.25, seed=4):
         L, S = rows_near(scene, decision)
         nearest = ref.project_reference(nominal, L, S, -JERK, JERK, np.eye(6))
@@ -664,7 +665,7 @@ def test_a_full_weight_is_the_metric_of_the_projection(robot, random_scene):
     rng = np.random.default_rng(2)
     root = rng.normal(size=(6, 6))
     V = root @ root.T + 0.5 * np.eye(6)
-    chosen, plain = (JSSAFilter(robot, DT, weight=weight, min_authority=0.0) for weight in (V, None))
+    chosen, plain = (JSSAFilter(robot, DT, INDEX, weight=weight, min_authority=0.0) for weight in (V, None))
     saved = []
     for scene, nominal, decision in statuses(chosen, random_scene, {Status.PROJECTED: 4}, motion=0.25, seed=7):
         L, S = rows_near(scene, decision)

@@ -24,9 +24,9 @@ class IndexParams:
 
     d_min: float = 0.05
     """[m]."""
-    lambda1: float = 1.25
+    lambda1: float = 2.0
     """[m·s]."""
-    lambda2: float = 0.39
+    lambda2: float = 0.25
     """[m·s²]."""
     sliding: bool = False
     sliding_limit: float = 20.0
