@@ -361,7 +361,7 @@ def test_a_single_joint_that_swings_the_arm_at_itself_is_seen(robot, joint):
         state[0, 4], turn = rng.uniform(-2.0, 2.0), rng.choice([-1.0, 1.0])
         state[1, joint] = 0.6 * turn * bounds[2, joint]
 
-        def folded(q3, state=state.copy()):
+        def folded(q3, state=state):
             state[0, 2] = q3
             return Motion(robot, state, np.zeros(6))
 
