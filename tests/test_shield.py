@@ -435,7 +435,7 @@ def test_decisions_have_no_memory_of_the_size_of_the_crowd(filter, robot, random
         np.testing.assert_array_equal(one.jerk, other.jerk)
         np.testing.assert_array_equal([one.phi, one.slack], [other.phi, other.slack])
         seen.add(one.status)
-    assert isinstance(filter, NoFilter) or Status.PROJECTED in seen
+    assert isinstance(filter, NoFilter) or seen & {Status.PROJECTED, Status.RELAXED}
 
 
 @pytest.mark.parametrize("dt", [0.0, -0.008, np.nan, np.inf, "fast"])
@@ -566,7 +566,7 @@ COUNTS = {Status.NOMINAL: 6, Status.PROJECTED: 14, Status.RELAXED: 4}
 @pytest.mark.parametrize("projector", list(PROJECTORS))
 @pytest.mark.parametrize("factor", [1, pytest.param(20, marks=pytest.mark.slow)])
 def test_kept_rows_keep_the_true_index(robot, random_scene, projector, factor):
-    chosen = JSSAFilter(robot, DT, projector=projector)
+    chosen = JSSAFilter(robot, DT, projector=projector, recovery=0.0)
     wanted = {status: factor * count for status, count in COUNTS.items()}
     for scene, nominal, decision in statuses(chosen, random_scene, wanted, motion=0.25):
         ahead = phis(scene, decision.jerk)
@@ -590,7 +590,7 @@ def test_kept_rows_keep_the_true_index(robot, random_scene, projector, factor):
 
 
 def test_relaxed_means_least_violation(robot, random_scene):
-    chosen = JSSAFilter(robot, DT, min_authority=0.0)
+    chosen = JSSAFilter(robot, DT, min_authority=0.0, recovery=0.0)
     for scene, _, decision in statuses(chosen, random_scene, {Status.RELAXED: 2}, motion=0.25, seed=3):
         worst = max(phis(scene, decision.jerk).values())
         L, S = rows_near(scene, decision, reach=20.0)
@@ -600,11 +600,15 @@ def test_relaxed_means_least_violation(robot, random_scene):
 
 
 def test_the_projected_jerk_is_the_nearest(robot, random_scene):
-    chosen = JSSAFilter(robot, DT, min_authority=0.0)
+    chosen = JSSAFilter(robot, DT, min_authority=0.0, recovery=0.0)
     for scene, nominal, decision in statuses(chosen, random_scene, {Status.PROJECTED: 4}, motion=0.25, seed=4):
         L, S = rows_near(scene, decision)
         nearest = ref.project_reference(nominal, L, S, -JERK, JERK, np.eye(6))
-        np.testing.assert_allclose(decision.jerk / JERK, nearest / JERK, atol=1e-4)
+        # the decision's rows were linearised at the nominal, these at its answer: a difference of second order
+        np.testing.assert_allclose(decision.jerk / JERK, nearest / JERK, atol=2e-3)
+        np.testing.assert_allclose(
+            np.linalg.norm(decision.jerk - nominal), np.linalg.norm(nearest - nominal), rtol=2e-3
+        )
 
 
 def test_an_action_outside_the_box_is_clipped_when_nobody_is_near(filter, make_scene):
@@ -948,8 +952,8 @@ def test_a_corrected_action_is_float64_and_what_the_filter_decided():
         observation, _, _, _, info = env.step(action)
         decision = env.last_decision
         assert info["shield/status"] == decision.status
-        assert info["shield/phi"] == decision.phi
-        assert info["shield/slack"] == decision.slack
+        np.testing.assert_array_equal(info["shield/phi"], decision.phi)
+        np.testing.assert_array_equal(info["shield/slack"], decision.slack)
         assert (info["shield/robot_pair"], info["shield/human_pair"]) == decision.pair
         assert info["shield/reason"] == decision.reason
         if decision.status == Status.NOMINAL:
@@ -1016,12 +1020,11 @@ BAD_ACTIONS = {
 }
 
 
-@pytest.fixture(params=[JSSAShield, JSSAShield.as_published, None], ids=["jssa", "published", "none"])
+@pytest.fixture(params=["jssa", "jssa_published", "none"])
 def shielded(request):
-    """An environment under a shield, a few steps into an episode, somebody in front."""
+    """An environment under a bare filter, a few steps into an episode, somebody in front."""
     bare = gym.make("jssa_gym/Home-v0", terminate_on=(), human="approach_retreat")
-    wrap = request.param or (lambda env: Shield(env, make_filter("none", bare.unwrapped.robot, DT)))
-    env = wrap(bare)
+    env = Shield(bare, make_filter(request.param, bare.unwrapped.robot, DT))
     env.reset(seed=0)
     for action in np.random.default_rng(0).uniform(-0.5, 0.5, (15, 6)):
         env.step(action)
@@ -1154,7 +1157,7 @@ def test_reset_forgets_the_last_decision():
     assert env.last_decision is not None
     _, info = env.reset()
     assert env.last_decision is None
-    assert not any(key.startswith("shield/") for key in info)
+    assert (info["shield/status"], info["shield/reason"]) == (Status.NOMINAL, "")
 
 
 def test_the_filter_is_reset_with_the_scene_of_the_new_episode():
@@ -1217,7 +1220,7 @@ def test_a_scene_that_cannot_be_had_is_a_fault_that_brakes():
 
 
 def test_the_shield_reads_the_outermost_scene():
-    env = JSSAShield(Blindfold(gym.make("jssa_gym/Home-v0", terminate_on=()), 0.1))
+    env = JSSAShield(Blindfold(gym.make("jssa_gym/Home-v0", terminate_on=()), 0.1), failsafe=False)
     env.reset(seed=0)
     seen = [env.step(np.full(6, 0.3))[4]["shield/status"] for _ in range(40)]
     assert Status.FAULT not in seen[:13]
@@ -1462,8 +1465,9 @@ def lowest(env, steps=200):
 
 def test_static_rows_keep_the_arm_off_the_table():
     make = lambda: gym.make("jssa_gym/Home-v0", human="none", terminate_on=())  # noqa: E731
-    assert lowest(JSSAShield(make())) < -0.05
-    assert lowest(JSSAShield(make(), static_rows=True)) > 0.0
+    assert lowest(JSSAShield(make(), failsafe=False)) < -0.05
+    assert lowest(JSSAShield(make(), failsafe=False, static_rows=True)) > 0.0
+    assert lowest(JSSAShield(make())) > 0.0
 
 
 # ---- repeated actions ---------------------------------------------------------------------------------
