@@ -208,7 +208,7 @@ def rows_ahead(
     """:func:`~jssa_gym.kernels.index.exact_rows` after :func:`look_ahead` at the same jerk.
 
     Returns:
-        The number of rows, and their largest violation at ``jerk`` [m²].
+        The number of rows, their largest violation at ``jerk`` [m²], and whether one asks for less than 0 at once.
     """
     index = index_of(parameters)
     count = exact_rows(
@@ -232,7 +232,10 @@ def rows_ahead(
         owner,
         target,
     )
-    return count, violation(L, S, count, jerk)
+    recovering = False
+    for k in range(count):
+        recovering = recovering or target[k] > 0.0
+    return count, violation(L, S, count, jerk), recovering
 
 
 @jit

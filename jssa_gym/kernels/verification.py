@@ -55,6 +55,27 @@ def load_fixtures(start, end, radius, normal, offset, statics, planes):
 
 
 @jit
+def load_people(start, end, radius, speed, age, lag, error, agents, reach):
+    """People into records, and how far they can have come since they were measured.
+
+    Args:
+        start, end, radius: As they were measured, shapes (k, 3), (k, 3), (k,) [m].
+        speed: Their speed bounds, shape (k,) [m/s].
+        age: Of the measurements, shape (k,) [s].
+        lag: Of the arm behind its commands [s].
+        error: Of a measurement and of the arm's place [m].
+        agents: Result, shape (k,) of ``AGENT``; velocities are left alone.
+        reach: Result, shape (k,) [m].
+    """
+    for k in range(radius.shape[0]):
+        agent = agents[k]
+        for i in range(3):
+            agent["start"][i], agent["end"][i] = start[k, i], end[k, i]
+        agent["radius"] = radius[k]
+        reach[k] = speed[k] * (age[k] + lag) + error
+
+
+@jit
 def keeps_limits(state, jerk, after, plan, bounds, dt):
     """Whether one step at ``jerk`` and the stop after it stay inside all joint limits, at every instant."""
     for j in range(jerk.shape[0]):

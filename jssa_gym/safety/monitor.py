@@ -1,8 +1,7 @@
 """What a shield believes about people: the last measurements that can be trusted, and how old they are."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +25,7 @@ _VERDICTS = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Watch:
+class Watch(NamedTuple):
     """What can be relied on in one tick."""
 
     human: CapsuleSet

@@ -1,5 +1,6 @@
 """The outermost layer of a filter: nothing is applied that a verified stop does not follow."""
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -8,8 +9,18 @@ import numpy as np
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import AGENT, FRAME, PLANE, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
-from jssa_gym.kernels.tick import load_agents
-from jssa_gym.kernels.verification import HALF_SPACE, LIMITS, REACH, REST, SELF, STATIC, choose, deviates, load_fixtures
+from jssa_gym.kernels.verification import (
+    HALF_SPACE,
+    LIMITS,
+    REACH,
+    REST,
+    SELF,
+    STATIC,
+    choose,
+    deviates,
+    load_fixtures,
+    load_people,
+)
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.safety.monitor import HumanMonitor, Watch
@@ -101,15 +112,16 @@ class VerifiedStop:
         try:
             time = float(scene.time)
         except Exception:  # whatever a perception system delivers, the arm must go on safely
-            time = np.nan
+            time = math.nan
         late = (time - self._time) / self.dt
-        forward = np.isfinite(time) and not late <= 0.0
+        forward = math.isfinite(time) and not late <= 0.0
         self._time = time if forward else self._time + self.dt
         due = max(round(min(late, 1e4)), 1) if forward and late > 0.0 else 1
         for passed in range(1, due + 1):
             if not deviates(state, self._expected, self._bounds, _STRAY):
-                rests = bool(np.all(np.abs(state[1:]) < REST))
-                return "" if passed == due or rests else "the clock leapt ahead of the arm"
+                if passed == due or np.all(np.abs(state[1:]) < REST):
+                    return ""
+                return "the clock leapt ahead of the arm"
             self._advance()
         self._replan(state)
         return "the joint state is not where the last jerk led"
@@ -155,12 +167,19 @@ class VerifiedStop:
             static.start, static.end, static.radius, planes.normal, planes.offset, self._statics, self._planes
         ):
             raise ValueError("a static capsule or half-space is not finite, or a normal is no unit vector")
-        self._agents = records_for(people, self._agents)
-        load_agents(people.start, people.end, people.start_velocity, people.end_velocity, people.radius, self._agents)
-        params = self.params
-        reach = self._growth * (watch.age + params.actuation_lag) + (params.position_error + params.tracking_error)
-        n = self.robot.n
-        jerk, halt, held, reason = np.empty(n), np.empty(n), 0, ""
+        self._agents, params, n = records_for(people, self._agents), self.params, self.robot.n
+        jerk, halt, held, reason, reach = np.empty(n), np.empty(n), 0, "", np.empty(len(self._agents))
+        load_people(
+            people.start,
+            people.end,
+            people.radius,
+            self._growth,
+            watch.age,
+            params.actuation_lag,
+            params.position_error + params.tracking_error,
+            self._agents,
+            reach,
+        )
         for _ in range(2):
             which, code, row, column, moment = choose(
                 self.robot.links,

@@ -82,6 +82,7 @@ class SafetyFilter(ABC):
         self._incoming = np.zeros((3, robot.n))
         self._applied = np.zeros(robot.n)
         self._clipped = np.zeros(robot.n)
+        self._valid = np.ones(0, np.bool_)
         self._none = records(0, AGENT)
         self._agents = records(0, AGENT)
 
@@ -123,7 +124,9 @@ class SafetyFilter(ABC):
                 watch = guard.watch(scene)
                 if watch.fault:
                     return self._blind(scene, nominal, watch.reason)
-                human, valid = _at_present(watch), np.ones(len(watch.age), np.bool_)
+                human, valid = _at_present(watch), self._valid
+                if len(valid) != len(watch.age):
+                    self._valid = valid = np.ones(len(watch.age), np.bool_)
             self._agents = agents = records_for(human, self._agents)
             if valid.shape != human.radius.shape or valid.dtype != np.bool_:
                 raise ValueError(f"valid has shape {valid.shape} for {len(agents)} capsules")

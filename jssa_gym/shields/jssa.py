@@ -1,5 +1,6 @@
 """The jerk-based safe set algorithm as a filter."""
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -175,7 +176,7 @@ class JSSAFilter(SafetyFilter):
             self._pairs_now,
         )
 
-    def _rows_at(self, agents: NDArray, jerk: Array, only: int) -> tuple[int, float]:
+    def _rows_at(self, agents: NDArray, jerk: Array, only: int) -> tuple[int, float, bool]:
         return rows_ahead(
             self._frames,
             self._segments,
@@ -254,15 +255,15 @@ class JSSAFilter(SafetyFilter):
                 self._look_back(state, agents)
             left = np.nan
             for attempt in range(_LINEARISATIONS + 1):
-                count, left = self._rows_at(agents, jerk, only)
+                count, left, below = self._rows_at(agents, jerk, only)
                 if left <= (_TOLERANCE if attempt else 0.0) or attempt == _LINEARISATIONS:
                     break
-                rows, recovering = count, bool(np.any(self._target[:count] > 0.0))
+                rows, recovering = count, below
                 projection = self._projector.project(
                     nominal, HalfSpaces(self._L[:count], self._S[:count]), self.lower, self.upper
                 )
                 jerk, feasible, note = projection.jerk, projection.feasible, projection.note
-                if np.isnan(projection.violation):
+                if math.isnan(projection.violation):
                     raise _UnsolvedError("the projection found no solution")
                 worst, left, row, column, distance = self._ahead(state, agents, jerk, humans, False, rows)
                 if left <= _TOLERANCE or not feasible:
