@@ -152,7 +152,7 @@ class Motion:
 
     @functools.cached_property
     def speed(self):
-        """Of each capsule's surface at every sample, a mean over 2 ms: no more than the largest within."""
+        """Of each capsule's surface from every sample to the next, shape (t, m) [m/s]."""
         capsules = self.robot.capsules
         # twelve points on each, where a spin shows
         around = np.vstack([np.eye(3), -np.eye(3)])
@@ -162,9 +162,9 @@ class Motion:
                 points["start"][12 * i + 6 * k :][:6] = capsule[end] + capsule["radius"] * around
             points["link"][12 * i :][:12] = capsule["link"]
         points["end"] = points["start"]
-        coarse = axes(chain_of(self.robot), points, self.samples[1][::8])[:, :, 0].reshape(-1, len(capsules), 12, 3)
-        speed = np.linalg.norm(np.diff(coarse, axis=0), axis=3).max(axis=2) / (8 * SAMPLE)
-        return np.repeat(np.vstack([speed, np.zeros(len(capsules))]), 8, axis=0)[: len(self.times)]
+        moved = axes(chain_of(self.robot), points, self.samples[1])[:, :, 0].reshape(-1, len(capsules), 12, 3)
+        speed = np.linalg.norm(np.diff(moved, axis=0), axis=3).max(axis=2) / SAMPLE
+        return np.vstack([speed, np.zeros(len(capsules))])
 
     def gap(self, kind, i, other, *, reach=0.0, rate=0.0, touch=0.0, margin=0.0, every=1):
         """Smallest gap of one capsule to a person growing at a rate, a static capsule or a half-space [m]."""
