@@ -7,7 +7,7 @@ from typing import Literal
 import gymnasium as gym
 import numpy as np
 
-from jssa_gym.envs.arm import MOVING, ArmEnv
+from jssa_gym.envs.arm import DT, MOVING, ArmEnv
 from jssa_gym.evaluation.contenders import shielded
 from jssa_gym.humans import Steered
 from jssa_gym.policies import SteeredPolicy
@@ -67,13 +67,13 @@ def play(attack: Attack, shield: str, *, fault: str = "none", steps: int = 500) 
         fault: A name in :data:`~jssa_gym.evaluation.contenders.FAULTS`.
         steps: Length [ticks].
     """
-    seconds = steps * 0.008
+    seconds = steps * DT
     person = Steered(attack.person, period=seconds / len(attack.person), start=attack.root())
     env: gym.Env = shielded(ArmEnv(human=person, terminate_on=()), shield, fault)
-    policy = SteeredPolicy(env, attack.policy, period=seconds / len(attack.policy))
+    arm = env.unwrapped
+    policy = SteeredPolicy(arm, attack.policy, period=seconds / len(attack.policy))
     observation, info = env.reset(seed=0, options={"human_start": attack.root()})
     score, speed, contact, violation = -np.inf, 0.0, False, False
-    arm = env.unwrapped
     for _ in range(steps):
         observation, _, _, _, info = env.step(policy(observation))
         fastest = float(np.abs(arm.scene.robot.velocity).max())  # ty: ignore[missing-attribute]

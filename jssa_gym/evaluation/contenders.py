@@ -95,13 +95,14 @@ class _SlowPeople(VerifiedStop):
 
 
 class _OffByOne(VerifiedStop):
-    """Goes on with a stored stop one tick late: its first jerk is applied twice."""
+    """Begins a stored stop one tick late: its first jerk is applied twice."""
 
     def confirm(
         self, scene: Scene, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]
     ) -> Verdict:
+        before = self._stored
         verdict = super().confirm(scene, state, wanted, watch, amend)
-        if self._tick == 0:
+        if self._stored is not before:
             self._tick = -1
         return verdict
 

@@ -16,27 +16,25 @@ from jssa_gym.exceptions import ParameterError
 
 _KINDS = get_type_hints(Episode)
 _NAMES = [field.name for field in fields(Episode)]
-_ACTING = (
-    "control",
-    "envs",
-    "humans",
-    "kernels",
-    "policies",
-    "robots",
-    "safety",
-    "shields",
-    "evaluation/contenders.py",
+_TELLING = (
+    "cli",
+    "plots.py",
+    "viewer",
+    "train",
+    "evaluation/benchmark.py",
+    "evaluation/statistics.py",
+    "evaluation/tally.py",
 )
-"""Parts of the package that decide how an episode goes."""
+"""Parts of the package that only tell of episodes; all others decide how one goes or how it is judged."""
 
 
 def source_hash() -> str:
-    """Hash of all source code that decides how an episode goes."""
+    """Hash of all files that decide how an episode goes and how it is judged, models included."""
     package, text = Path(__file__).parents[1], hashlib.sha256()
-    for part in _ACTING:
-        place = package / part
-        for file in [place] if place.is_file() else sorted(place.rglob("*.py")):
-            text.update(str(file.relative_to(package)).encode())
+    for file in sorted(package.rglob("*")):
+        name = file.relative_to(package).as_posix()
+        if file.suffix in (".py", ".xml", ".toml", ".npz") and not name.startswith(_TELLING):
+            text.update(name.encode())
             text.update(file.read_bytes())
     return text.hexdigest()[:16]
 

@@ -44,11 +44,14 @@ def _repeated(ends, j, track):
 
 
 @jit
-def _within(ends, j, track, allowed):
-    """Whether both ends are where they can have come from the trusted ones."""
+def _within(ends, j, radius, track, allowed):
+    """Whether both ends are where they can have come from the trusted ones; a radius that changes moves the surface."""
+    left = allowed - abs(radius - track["radius"])
+    if not left >= 0.0:
+        return False
     for row in range(2):
         way = subtract(ends[row, j], track["trusted"][row])
-        if not dot(way, way) <= allowed * allowed:
+        if not dot(way, way) <= left * left:
             return False
     return True
 
@@ -80,7 +83,7 @@ def _judge(time, ends, j, radius, age, valid, person, error, track):
         if stamp < track["stamp"] - STAMP_ROUNDING:
             return max(verdict, OLDER)
         allowed = track["speed"] * max(stamp - track["stamp"], 0.0) + 2.0 * error + LENGTH_ROUNDING
-        if not _within(ends, j, track, allowed):
+        if not _within(ends, j, radius, track, allowed):
             return JUMPED
     for row in range(4):
         for k in range(3):

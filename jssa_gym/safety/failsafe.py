@@ -9,8 +9,22 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
 from jssa_gym.validation import number_within, positive_number
 
-LIMBS = ("arm", "hand")
-"""A body part whose name contains one of these is an upper limb."""
+SLOW_PARTS = (
+    "head",
+    "neck",
+    "torso",
+    "trunk",
+    "body",
+    "chest",
+    "spine",
+    "hip",
+    "pelvis",
+    "leg",
+    "knee",
+    "foot",
+    "ankle",
+)
+"""A body part whose name contains one of these, in any case, keeps ``human_speed``; all others may be upper limbs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +38,7 @@ class FailsafeParams:
     human_speed: float = 1.6
     """No point of a person moves faster [m/s]; ISO 13855's walking speed."""
     limb_speed: float = 2.0
-    """The same for upper limbs: parts named ``arm`` or ``hand`` [m/s]; ISO 13855."""
+    """The same for upper limbs, and for all parts whose name is not in :data:`SLOW_PARTS` [m/s]; ISO 13855."""
     position_error: float = 0.0
     """Largest error of a measured capsule end [m]."""
     actuation_lag: float = 0.0
@@ -52,8 +66,10 @@ class FailsafeParams:
             object.__setattr__(self, "contact_speed", number_within("contact_speed", speeds, 0.0))
 
     def speed_of(self, part: str) -> float:
-        """Speed bound of a body part [m/s]."""
-        return self.limb_speed if any(limb in part for limb in LIMBS) else self.human_speed
+        """Speed bound of a body part [m/s]: the limbs' unless its name says that it is none."""
+        name = part.casefold()
+        known = any(slow in name for slow in SLOW_PARTS) and not any(limb in name for limb in ("arm", "hand"))
+        return self.human_speed if known else max(self.limb_speed, self.human_speed)
 
     def contact_speed_of(self, part: str) -> float:
         """Allowed speed of the arm when it touches a body part [m/s]."""

@@ -56,7 +56,7 @@ class HumanMonitor:
     has an older stamp than the trusted one             not taken
     has an end farther from the trusted one than        not taken; the bound grows with time, so that what is
     :math:`\hat v\,\Delta t + 2\epsilon` (1 µm for      right is taken again in the end
-    rounding)
+    rounding), a change of the radius added
     anything else, and the first of all                 trusted from now on
     ==================================================  ==========================================================
 

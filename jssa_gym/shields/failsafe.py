@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from jssa_gym.kernels.motion import integrate
+from jssa_gym.kernels.motion import integrate, violates
 from jssa_gym.kernels.records import AGENT, FRAME, PLANE, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.kernels.verification import (
@@ -26,6 +26,9 @@ from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.safety.monitor import HumanMonitor, Watch
 from jssa_gym.safety.proximity import records_for
 from jssa_gym.types import Array, CapsuleSet, Scene
+
+_ROUNDING = 1e-9
+"""Share of the joint limits by which an arm at rest may be beyond them."""
 
 _STRAY = 1e-6
 """Share of the joint limits by which the arm may be elsewhere than the last jerk must have led."""
@@ -72,19 +75,27 @@ class VerifiedStop:
     def _begin(self) -> None:
         self._monitor: HumanMonitor | None = None
         self._growth = self._touch = np.zeros(0)
-        self._time, self._tick, self._verified = np.nan, 0, False
+        self._time, self._tick, self._verified = math.nan, 0, False
+        # people's clock: the scene's, set forward where that one does not keep up with the ticks
+        self._seen, self._ahead, self._blind = math.nan, 0.0, 0
 
     def reset(self, state: Array) -> None:
         """Forget the past; the arm is in ``state`` (3, n)."""
         self._begin()
         self._replan(state)
 
+    @property
+    def verified(self) -> bool:
+        """Whether the stored stop is verified, or the arm rests inside its limits."""
+        return self._verified
+
     def _replan(self, state: Array) -> None:
         """Make the stop from ``state`` the stored one; nobody has verified it, unless there is nothing to stop."""
         self._expected[:] = state
         plan_stop(state, self._bounds, self.dt, self._stored)
         self._tick = 0
-        self._verified = bool(np.all(np.abs(state[1:]) < REST))
+        still = np.zeros(self.robot.n)
+        self._verified = bool(np.all(np.abs(state[1:]) < REST)) and not violates(state, still, self._bounds, _ROUNDING)
 
     def watch(self, scene: Scene) -> Watch:
         """What can be believed about the people; never raises."""
@@ -100,7 +111,20 @@ class VerifiedStop:
                 )
             except Exception as error:  # whatever a perception system delivers, the arm must go on safely
                 return Watch(scene.human, np.zeros(0), True, f"the people cannot be read: {error}")
-        return self._monitor.update(scene.time, scene.human, scene.age, scene.valid)
+        return self._monitor.update(self._clock(scene.time), scene.human, scene.age, scene.valid)
+
+    def _clock(self, time: Any) -> Any:
+        """The scene's time, but never behind the ticks: people move on though a clock stands still."""
+        try:
+            gap = float(time) - self._seen
+            self._seen = float(time)
+        except Exception:  # whatever a perception system delivers, the arm must go on safely
+            return time
+        due = self.dt * (1 + self._blind)
+        self._blind = 0
+        if 0.0 <= gap < due * (1.0 - 1e-6):
+            self._ahead += due - gap
+        return time + self._ahead if self._ahead else time
 
     def follow(self, state: Array, scene: Scene) -> str:
         """Compare the arm with where the last jerk must have led; what is wrong, or nothing. Never raises.
@@ -138,6 +162,7 @@ class VerifiedStop:
         """Go on with the stored stop: its next jerk, shape (n,) [rad/s³]; ``blind`` if :meth:`follow` was not asked."""
         if blind:
             self._time += self.dt
+            self._blind += 1
         return self._advance()
 
     def confirm(
@@ -168,7 +193,7 @@ class VerifiedStop:
         ):
             raise ValueError("a static capsule or half-space is not finite, or a normal is no unit vector")
         self._agents, params, n = records_for(people, self._agents), self.params, self.robot.n
-        jerk, halt, held, reason, reach = np.empty(n), np.empty(n), 0, "", np.empty(len(self._agents))
+        jerk, halt, reach = np.empty(n), np.empty(n), np.empty(len(self._agents))
         load_people(
             people.start,
             people.end,
@@ -180,49 +205,53 @@ class VerifiedStop:
             self._agents,
             reach,
         )
-        for _ in range(2):
-            which, code, row, column, moment = choose(
-                self.robot.links,
-                self.robot.capsules,
-                self._levers,
-                self.robot.self_pairs,
-                state,
-                wanted,
-                self._stored,
-                self._tick,
-                self._bounds,
-                self.dt,
-                self._agents,
-                reach,
-                self._growth,
-                self._touch,
-                self._statics,
-                self._planes,
-                params.tracking_error,
-                jerk,
-                self._after,
-                self._next,
-                self._posture,
-                self._fastest,
-                self._frames,
-                self._segments,
-            )
-            if held:
-                break
-            reason = self._describe(code, row, column, moment, scene, people)
-            carried = int(self.robot.capsules[row]["link"]) + 1 if row >= 0 else n
-            if which == 0 or carried == n:
-                break
-            held = carried
+        which, code, row, column, moment = self._choose(state, wanted, reach, jerk)
+        reason = self._describe(code, row, column, moment, scene, people)
+        carried = int(self.robot.capsules[row]["link"]) + 1 if row >= 0 else n
+        proposed = which == 0
+        if not proposed:
             stop_jerk(self._stored, self._tick, halt)
-            wanted = amend(held, halt)
+            if carried < n:
+                which = self._choose(state, amend(carried, halt), reach, jerk)[0]
+            if which == 2 and not self._verified:
+                # the stop of an arm that was found in motion: perhaps it can be verified by now
+                which = self._choose(state, halt, reach, jerk)[0]
         if which == 2:
             self._tick += 1
         else:
             self._stored, self._next = self._next, self._stored
             self._tick, self._verified = 0, True
         self._expected, self._after = self._after, self._expected
-        return Verdict(jerk, which == 0 and held == 0, reason, self._verified)
+        return Verdict(jerk, proposed, reason, self._verified)
+
+    def _choose(self, state: Array, wanted: Array, reach: Array, jerk: Array) -> tuple[int, int, int, int, float]:
+        """:func:`~jssa_gym.kernels.verification.choose`, into ``jerk``, ``self._after`` and ``self._next``."""
+        return choose(
+            self.robot.links,
+            self.robot.capsules,
+            self._levers,
+            self.robot.self_pairs,
+            state,
+            wanted,
+            self._stored,
+            self._tick,
+            self._bounds,
+            self.dt,
+            self._agents,
+            reach,
+            self._growth,
+            self._touch,
+            self._statics,
+            self._planes,
+            self.params.tracking_error,
+            jerk,
+            self._after,
+            self._next,
+            self._posture,
+            self._fastest,
+            self._frames,
+            self._segments,
+        )
 
     def _describe(self, code: int, row: int, column: int, moment: float, scene: Scene, people: CapsuleSet) -> str:
         if code == 0:

@@ -175,7 +175,7 @@ class SafetyFilter(ABC):
         if guard is not None and watch is not None:
             try:
                 verdict = guard.confirm(
-                    scene, self._state, jerk, watch, lambda held, halt: self._amended(decision, held, halt)
+                    scene, self._state, jerk, watch, lambda held, halt: self._spare(decision, held, halt)
                 )
             except Exception as error:  # whatever static agents a scene has, the arm must go on safely
                 return self._brake(nominal, f"the scene does not fit: {error}")
@@ -183,6 +183,16 @@ class SafetyFilter(ABC):
                 decision = self._overruled(decision, verdict)
         self._applied[:] = decision.jerk
         return decision
+
+    def _spare(self, decision: Decision, held: int, halt: Array) -> Array:
+        try:
+            jerk = self._amended(decision, held, halt)
+            if jerk.shape != halt.shape or jerk.dtype != np.float64:
+                raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
+        except Exception:  # whatever a filter runs into, the arm must go on safely
+            _logger.exception("the filter failed to spare joints; all follow the stored stop")
+            return halt
+        return jerk
 
     def _amended(self, decision: Decision, held: int, halt: Array) -> Array:
         """The jerk to apply if the first ``held`` joints have to follow the stored stop's, ``halt`` (n,)."""
@@ -261,7 +271,10 @@ class SafetyFilter(ABC):
         return self._brake(nominal, reason, blind=not readable)
 
     def _brake(self, nominal: Array, reason: str, blind: bool = False) -> Decision:
-        jerk = self.fallback(self._state) if self._guard is None else self._guard.stop(blind)
+        guard = self._guard
+        if guard is not None and not guard.verified:
+            reason = f"{reason}; no verified stop"
+        jerk = self.fallback(self._state) if guard is None else guard.stop(blind)
         # a state beyond all bounds can overflow; then at least nothing is added
         jerk = np.where(np.isfinite(jerk), jerk, 0.0)
         self._applied[:] = jerk
