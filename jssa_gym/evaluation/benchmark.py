@@ -79,7 +79,7 @@ def time_decisions(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array
                 everything[name].append(took)
     timings = []
     for name, values in everything.items():
-        timings.append(_timing(f"decision, {name}, whole episode", values))
+        timings.append(_timing(f"filter.decide, {name}, whole episode", values))
         for status in Status:
             chosen_times = times.get((name, status), [])
             if len(chosen_times) >= 20:
