@@ -1499,7 +1499,8 @@ def test_action_repeat_tells_about_all_ticks():
         for key in ("contact", "limit_violation", "success", "shield/intervened"):
             assert info[key] is any(i[key] for i in seen)
         for key in ("contact_speed", "shield/status", "shield/phi", "shield/correction", "shield/slack"):
-            assert info[key] == max(i[key] for i in seen)
+            # NaN, what a stored stop leaves of the rows, is not hidden
+            np.testing.assert_array_equal(info[key], np.max([i[key] for i in seen]))
         np.testing.assert_array_equal(info["jerk"], seen[-1]["jerk"])
         compared += 1
         if truncated:
