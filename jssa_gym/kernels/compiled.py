@@ -16,6 +16,6 @@ def announce_compilation() -> None:
     if config.DISABLE_JIT:
         return
     if CACHE_DIRECTORY is None:
-        _logger.warning("Compiling kernels; no cache directory is writable, so every start will (half a minute).")
+        _logger.warning("Compiling kernels; no cache directory is writable, so every start will (about half a minute).")
     elif not any(CACHE_DIRECTORY.rglob("*.nbi")):
-        _logger.warning("Compiling kernels once for this version, up to half a minute; cached in %s.", CACHE_DIRECTORY)
+        _logger.warning("Compiling kernels once for this version, about half a minute; cached in %s.", CACHE_DIRECTORY)
