@@ -62,13 +62,22 @@ FAILED = """            return self._brake(nominal, f"the filter failed: {type(e
 DESCRIPTION = "        reason = self._describe(code, row, column, moment, scene, people)\n"
 DESCRIBED = (
     DESCRIPTION
-    + """        if which == 2:
+    + """        carried = int(self.robot.capsules[row]["link"]) + 1 if row >= 0 else n
+        proposed = which == 0
+        if not proposed:
+            stop_jerk(self._stored, self._tick, halt)
+            if carried < n:
+                which = self._choose(state, amend(carried, halt), reach, jerk)[0]
+            if which == 2 and not self._verified:
+                # the stop of an arm that was found in motion: perhaps it can be verified by now
+                which = self._choose(state, halt, reach, jerk)[0]
+        if which == 2:
             self._tick += 1
         else:
             self._stored, self._next = self._next, self._stored
             self._tick, self._verified = 0, True
         self._expected, self._after = self._after, self._expected
-        return Verdict(jerk, which == 0, reason, self._verified)"""
+        return Verdict(jerk, proposed, reason, self._verified)"""
 )
 ROW = """        row[j] = -slope"""
 
@@ -199,26 +208,26 @@ MUTANTS = [
     _guard(
         "described after all has changed",
         DESCRIBED,
-        DESCRIBED.replace(DESCRIPTION, "").replace("which == 0, reason,", f"which == 0, {DESCRIPTION[17:-1]},"),
+        DESCRIBED.replace(DESCRIPTION, "").replace("proposed, reason,", f"proposed, {DESCRIPTION[17:-1]},"),
         (FILTERS, "without_a_name"),
     ),
     # what is assumed
-    _guard("age dropped", "watch.age + params.actuation_lag", "params.actuation_lag"),
-    _guard("lag dropped", "watch.age + params.actuation_lag", "watch.age"),
+    _kernel("age dropped", "(age[k] + lag)", "lag", ASSUMPTIONS),
+    _kernel("lag dropped", "(age[k] + lag)", "age[k]", ASSUMPTIONS),
     _guard("tracking error dropped", "params.position_error + params.tracking_error", "params.position_error"),
     _guard("position error dropped", "params.position_error + params.tracking_error", "params.tracking_error"),
     _guard("max_age ignored", "max_age=self.params.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
     _guard(
         "no margin to what stands",
-        "            params.tracking_error,\n            jerk,",
+        "            self.params.tracking_error,\n            jerk,",
         "            0.0,\n            jerk,",
         (FILTERS, "tracking"),
     ),
     Mutant(
         "limbs as slow as bodies",
         "safety/failsafe.py",
-        "return self.limb_speed if",
-        "return self.human_speed if",
+        "return self.human_speed if known else max(self.limb_speed, self.human_speed)",
+        "return self.human_speed",
         ASSUMPTIONS,
     ),
     Mutant(
@@ -231,7 +240,7 @@ MUTANTS = [
     Mutant(
         "jumps are believed",
         "kernels/trust.py",
-        "if not _within(ends, j, track, allowed):",
+        "if not _within(ends, j, radius, track, allowed):",
         "if False:",
         (FILTERS, "jumping"),
     ),
@@ -260,16 +269,29 @@ MUTANTS = [
     _filter("watch's fault is ignored", "if watch.fault:", "if False:"),
     _filter(
         "brakes without the stored stop",
-        "self.fallback(self._state) if self._guard is None else self._guard.stop(blind)",
+        "self.fallback(self._state) if guard is None else guard.stop(blind)",
         "self.fallback(self._state)",
     ),
     _filter("verification forgotten", "if not verdict.proposed:", "if False:", PROMISES),
     _filter("an unverified stop is no fault", "if not verdict.verified:", "if False:"),
     _guard(
         "a blind tick takes no time",
-        "            self._time += self.dt\n        return self._advance()",
-        "            pass\n        return self._advance()",
+        "            self._time += self.dt\n            self._blind += 1",
+        "            pass",
         FAULTS,
+    ),
+    _guard(
+        "people stand still with the clock",
+        "if 0.0 <= gap < due",
+        "if False and 0.0 <= gap < due",
+        (FILTERS, "clock_stands"),
+    ),
+    Mutant(
+        "a radius is believed at once",
+        "kernels/trust.py",
+        'left = allowed - abs(radius - track["radius"])',
+        "left = allowed",
+        (FILTERS, "radius_that"),
     ),
     Mutant(
         "viability box ignored",
