@@ -276,14 +276,14 @@ MUTANTS = [
     _filter("an unverified stop is no fault", "if not verdict.verified:", "if False:"),
     _guard(
         "a blind tick takes no time",
-        "            self._time += self.dt\n            self._blind += 1",
+        "            self._time += self.dt\n            self._due += 1",
         "            pass",
         FAULTS,
     ),
     _guard(
         "people stand still with the clock",
-        "if 0.0 <= gap < due",
-        "if False and 0.0 <= gap < due",
+        "if gap < due",
+        "if False and gap < due",
         (FILTERS, "clock_stands"),
     ),
     Mutant(

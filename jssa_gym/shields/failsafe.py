@@ -77,7 +77,7 @@ class VerifiedStop:
         self._growth = self._touch = np.zeros(0)
         self._time, self._tick, self._verified = math.nan, 0, False
         # people's clock: the scene's, set forward where that one does not keep up with the ticks
-        self._seen, self._ahead, self._blind = math.nan, 0.0, 0
+        self._seen, self._ahead, self._due = math.nan, 0.0, 0
 
     def reset(self, state: Array) -> None:
         """Forget the past; the arm is in ``state`` (3, n)."""
@@ -115,16 +115,19 @@ class VerifiedStop:
 
     def _clock(self, time: Any) -> Any:
         """The scene's time, but never behind the ticks: people move on though a clock stands still."""
+        self._due += 1
         try:
-            gap = float(time) - self._seen
-            self._seen = float(time)
+            now = float(time)
         except Exception:  # whatever a perception system delivers, the arm must go on safely
             return time
-        due = self.dt * (1 + self._blind)
-        self._blind = 0
-        if 0.0 <= gap < due * (1.0 - 1e-6):
+        # a reading that is none, or went back, does not count: the ticks since the last that does are still due
+        if now < self._seen or not math.isfinite(now):
+            return time
+        gap, due = now - self._seen, self.dt * self._due
+        self._seen, self._due = now, 0
+        if gap < due * (1.0 - 1e-6):
             self._ahead += due - gap
-        return time + self._ahead if self._ahead else time
+        return now + self._ahead
 
     def follow(self, state: Array, scene: Scene) -> str:
         """Compare the arm with where the last jerk must have led; what is wrong, or nothing. Never raises.
@@ -162,7 +165,7 @@ class VerifiedStop:
         """Go on with the stored stop: its next jerk, shape (n,) [rad/s³]; ``blind`` if :meth:`follow` was not asked."""
         if blind:
             self._time += self.dt
-            self._blind += 1
+            self._due += 1
         return self._advance()
 
     def confirm(
