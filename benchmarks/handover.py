@@ -79,7 +79,8 @@ def main():
     arguments = parser.parse_args()
     steps = round(arguments.seconds / 0.008)
     print(
-        "shield                                success  median time [s]  90 %   nearest [m]  contact [m/s]  intervened  left [m]"
+        "shield                                success  median time [s]  90 %   nearest [m]  contact [m/s]"
+        "  intervened  left [m]"
     )
     for name, wrap in shields():
         human = None if arguments.stay is None else Receive(stay=(arguments.stay, arguments.stay))

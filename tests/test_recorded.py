@@ -120,9 +120,10 @@ def test_every_truncation_of_a_file_is_a_typed_error(tmp_path):
         # a damaged byte is noticed, or it is one that nothing depends on
         cut.write_bytes(whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :])
         try:
-            same(Recording.load(cut), stroll(samples=3))
-        except RecordingError as error:
-            assert "cut.npz" in str(error)
+            loaded = Recording.load(cut)
+        except RecordingError:
+            continue
+        same(loaded, stroll(samples=3))
 
 
 def test_no_pickle_is_loaded(tmp_path):
