@@ -12,9 +12,9 @@ from scipy.optimize import least_squares
 import jssa_gym
 from jssa_gym.control import Cascade
 from jssa_gym.envs import ArmEnv
-from jssa_gym.envs.tasks import Handover, Progress, Reach, Track
+from jssa_gym.envs.tasks import TASKS, Handover, Progress, Reach, Track
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans import HumanMotion, Nobody, RandomWalk, Receive, nobody
+from jssa_gym.humans import HUMANS, HumanMotion, Nobody, RandomWalk, Receive, nobody
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import CapsuleSet, JointState
 
@@ -461,3 +461,32 @@ def test_bad_parameters_of_who_receives_are_named():
     for arguments in ({"speed": (0.0, 1.0)}, {"front": (0.3, 0.5)}, {"stay": (2.0, 1.0)}, {"height": (np.nan, 1.0)}):
         with pytest.raises(ParameterError, match=next(iter(arguments))):
             Receive(**arguments)
+
+
+# ---- what is written about them -----------------------------------------------------------------------
+
+
+def rows(page):
+    """The cells of a page's table rows that begin with a name in back-quotes, by that name."""
+    text = (Path(__file__).parent.parent / "docs" / page).read_text()
+    lines = [line for line in text.splitlines() if line.startswith("| `")]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return {line[0].strip("`"): line[1:] for line in cells}
+
+
+def test_the_page_of_tasks_has_them_all():
+    table = rows("tasks.md")
+    for name, task in TASKS.items():
+        goal, space, *_, human, _ = table[f"{name.capitalize()}-v0"]
+        assert goal
+        assert (space, human) == (f"`{task.space}`", f"`{task.human}`")
+
+
+def test_the_page_of_people_has_them_all():
+    table = rows("humans.md")
+    for name, build in HUMANS.items():
+        kind, _, fastest, sees = table[name]
+        assert kind == f"`{type(build()).__name__}`"
+        if build().people:
+            assert float(fastest.split(",")[0]) == pytest.approx(build().speed_bound, abs=0.05)
+            assert sees == ("yes" if build().reacts else "no")
