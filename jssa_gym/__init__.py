@@ -100,9 +100,16 @@ HORIZON = 1000
 """Steps of an episode: 8 s."""
 
 _ENV = "jssa_gym.envs.arm:ArmEnv"
-_SHIELD = WrapperSpec("JSSAShield", "jssa_gym.shields.shield:JSSAShield", {})
+_SHIELDS: dict[str, dict[str, Any]] = {
+    "Home": {},
+    "Reach": {},
+    "Track": {},
+    # with the defaults it takes 10 s and more to come near a hand: the right arm may be touched at 0.1 m/s
+    "Handover": {"lambda1": 1.0, "lambda2": 0.1, "failsafe": {"contact_speed": {"right_arm": 0.1}}},
+}
+"""Tasks, and what their shielded ids change of the shield's defaults."""
 
-for _name in ("Home", "Reach", "Track", "Handover"):
+for _name, _changes in _SHIELDS.items():
     _kwargs = {"task": _name.lower()}
     if f"jssa_gym/{_name}-v0" not in gym.registry:
         gym.register(f"jssa_gym/{_name}-v0", _ENV, max_episode_steps=HORIZON, kwargs=_kwargs)
@@ -111,5 +118,5 @@ for _name in ("Home", "Reach", "Track", "Handover"):
             _ENV,
             max_episode_steps=HORIZON,
             kwargs=_kwargs,
-            additional_wrappers=(_SHIELD,),
+            additional_wrappers=(WrapperSpec("JSSAShield", "jssa_gym.shields.shield:JSSAShield", _changes),),
         )

@@ -127,6 +127,30 @@ def test_a_spec_rebuilds_the_shielded_environment(through_json):
         assert one == other
 
 
+ALLOWED = {"human_speed": 1.2, "contact_speed": {"right_arm": 0.1}}
+
+
+@pytest.mark.parametrize("failsafe", [ALLOWED, jssa_gym.FailsafeParams(**ALLOWED)], ids=["mapping", "dataclass"])
+def test_assumptions_of_the_stop_pass_through_json(failsafe):
+    env = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0"), failsafe=failsafe)
+    twin = EnvSpec.from_json(env.spec.to_json()).make()
+    assert twin.filter.failsafe == env.filter.failsafe == jssa_gym.FailsafeParams(**ALLOWED)
+
+
+def test_an_unknown_assumption_is_refused():
+    with pytest.raises(ParameterError, match="unknown assumption 'speed'; valid: human_speed, limb_speed"):
+        jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0"), failsafe={"speed": 1.0})
+
+
+def test_the_shielded_handover_may_touch_a_right_arm_slowly_and_nothing_else():
+    params = gym.make("jssa_gym/HandoverShielded-v0").get_wrapper_attr("filter").failsafe
+    assert params == jssa_gym.FailsafeParams(contact_speed={"right_arm": 0.1})
+    assert params.contact_speed_of("left_arm") == params.contact_speed_of("head") == 0.0
+    for name in ("Home", "Reach", "Track"):
+        params = gym.make(f"jssa_gym/{name}Shielded-v0").get_wrapper_attr("filter").failsafe
+        assert params == jssa_gym.FailsafeParams()
+
+
 def test_as_published_is_rebuilt_by_its_spec():
     env = jssa_gym.JSSAShield.as_published(gym.make("jssa_gym/Home-v0"))
     twin = env.spec.make()

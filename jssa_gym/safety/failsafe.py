@@ -1,13 +1,14 @@
 """What the verified stop assumes about people, sensors and drives; how far an arm's points can swing."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any, Self
 
 import numpy as np
 
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
-from jssa_gym.validation import number_within, positive_number
+from jssa_gym.validation import known_name, number_within, positive_number
 
 SLOW_PARTS = (
     "head",
@@ -64,6 +65,17 @@ class FailsafeParams:
             object.__setattr__(self, "contact_speed", checked)
         else:
             object.__setattr__(self, "contact_speed", number_within("contact_speed", speeds, 0.0))
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Self:
+        """The assumptions of a mapping of fields, such as a JSON object holds; the others keep their defaults.
+
+        Raises:
+            ParameterError: A field is unknown or out of range.
+        """
+        for name in values:
+            known_name("assumption", name, [field.name for field in fields(cls)])
+        return cls(**values)
 
     def speed_of(self, part: str) -> float:
         """Speed bound of a body part [m/s]: the limbs' unless its name says that it is none."""

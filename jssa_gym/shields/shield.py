@@ -2,7 +2,8 @@
 
 import copy
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, Literal, Self
 
 import gymnasium as gym
@@ -165,7 +166,8 @@ class JSSAShield(Shield):
         sliding: See :class:`~jssa_gym.safety.index.IndexParams`.
         recovery: Share of what a step can change by which an index above 0 has to fall; 0 asks for 0 at once.
         viability: Whether the jerk is kept in bounds that keep the position, velocity and acceleration limits.
-        failsafe: Whether a jerk is applied only if a verified stop follows it; or under which assumptions.
+        failsafe: Whether a jerk is applied only if a verified stop follows it; or under which assumptions, as
+            :class:`~jssa_gym.safety.failsafe.FailsafeParams` or a mapping of its fields (which JSON can hold).
 
     Raises:
         InterfaceError: The environment lacks an attribute.
@@ -187,8 +189,10 @@ class JSSAShield(Shield):
         sliding: bool = False,
         recovery: float = 0.5,
         viability: bool = True,
-        failsafe: bool | FailsafeParams = True,
+        failsafe: bool | FailsafeParams | Mapping[str, Any] = True,
     ) -> None:
+        if isinstance(failsafe, Mapping):
+            failsafe = FailsafeParams.of(failsafe)
         gym.utils.RecordConstructorArgs.__init__(
             self,
             lambda1=lambda1,
@@ -202,10 +206,12 @@ class JSSAShield(Shield):
             sliding=sliding,
             recovery=recovery,
             viability=viability,
-            failsafe=failsafe,
+            failsafe=asdict(failsafe) if isinstance(failsafe, FailsafeParams) else failsafe,
         )
         if not isinstance(failsafe, bool | FailsafeParams):
-            raise ParameterError(f"failsafe has to be True, False or FailsafeParams, got {failsafe!r}")
+            raise ParameterError(
+                f"failsafe has to be True, False, FailsafeParams or a mapping of its fields, got {failsafe!r}"
+            )
         assumed = failsafe if isinstance(failsafe, FailsafeParams) else FailsafeParams() if failsafe else None
         index = IndexParams(d_min=d_min, lambda1=lambda1, lambda2=lambda2, sliding=sliding)
         robot, dt = _provider(env, "robot").robot, _provider(env, "dt").dt
