@@ -31,11 +31,11 @@ class PFMParams:
         ParameterError: A number is not positive and finite, or ``rows`` unknown.
     """
 
-    influence: float = 0.6
+    influence: float = 0.5
     """Distance beyond which there is no force [m]."""
-    strength: float = 0.3
+    strength: float = 1.0
     """Of the potential, per unit of joint inertia [m²/s²]."""
-    damping: float = 10.0
+    damping: float = 5.0
     """Of the approach, per unit of joint inertia [1/(m² s)]."""
     lag: float = 0.05
     """Time constant with which the arm's acceleration follows the force [s]."""
@@ -97,9 +97,9 @@ class SMAParams:
     """[m·s]."""
     lambda2: float = 0.25
     """[m·s²]."""
-    gain: float = 0.3
+    gain: float = 1.0
     """Jerk that is added, as a share of the jerk bound of the joint that has to give most."""
-    rows: Rows = "closest"
+    rows: Rows = "all"
     """Whether the closest pair counts, or all pairs do: then their gradients are added."""
 
     def __post_init__(self) -> None:

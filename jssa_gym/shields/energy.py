@@ -94,7 +94,7 @@ class SSSParams:
     """[m·s]."""
     lambda2: float = 0.25
     """[m·s²]."""
-    c: float = 5.0
+    c: float = 2.0
     """Rate at which an index above 0 has to decay [1/s]."""
     rows: Rows = "all"
     """Whether the closest pair makes a row, or all pairs do."""
@@ -141,11 +141,11 @@ class CBFParams:
 
     d_min: float = 0.05
     """[m]."""
-    k1: float = 1.0
+    k1: float = 2.0
     """Gain of the distance's approach to ``d_min`` [1/s]."""
-    k2: float = 5.0
+    k2: float = 4.0
     """Gain of the second function [1/s]."""
-    k3: float = 20.0
+    k3: float = 10.0
     """Gain of the third function [1/s]."""
     rows: Rows = "all"
     """Whether the closest pair makes a row, or all pairs do."""
