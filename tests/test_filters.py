@@ -537,6 +537,19 @@ def test_an_arm_of_three_joints_a_crowd_and_static_agents(toy_robot, make_scene,
     assert len(seen) >= 2 or name in ("none", "stop")
 
 
+@pytest.mark.parametrize("size", [1e160, 1e308])
+@pytest.mark.parametrize("name", ["ssa", "sss", "cbf", "pfm", "sma", "ssm"])
+def test_what_overflows_is_a_fault(robot, make_scene, name, size):
+    """A distance's derivative that is infinite or no number must not read as an index below 0."""
+    for velocity in (size * np.ones(6), -size * np.ones(6)):
+        chosen = make_filter(name, robot, DT)
+        decision = chosen.decide(
+            make_scene([HOME, velocity, 0.0 * HOME], Body.facing().at((1.2, 0.0), (0.0, 0.0))), HOME
+        )
+        assert decision.status == Status.FAULT
+        assert "not finite" in decision.reason
+
+
 def test_stop_is_the_verified_stop_alone(robot, random_scene):
     named, alone = make_filter("stop", robot, DT), NoFilter(robot, DT, viability=True, failsafe=FailsafeParams())
     assert named.viability

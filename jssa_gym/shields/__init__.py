@@ -13,11 +13,11 @@ from jssa_gym.shields.closed_form import (
     SMAParams,
     SSMFilter,
     SSMParams,
-    StopFilter,
 )
 from jssa_gym.shields.energy import CBFFilter, CBFParams, SSAFilter, SSAParams, SSSFilter, SSSParams
-from jssa_gym.shields.filter import NoFilter, SafetyFilter
+from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
+from jssa_gym.shields.plain import NoFilter, StopFilter
 from jssa_gym.shields.shield import JSSAShield, Shield
 from jssa_gym.validation import known_name
 

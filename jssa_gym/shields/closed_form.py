@@ -1,4 +1,4 @@
-"""Filters that need no projection: a repulsive field, a sliding mode, and stops."""
+"""Filters that need no projection: a repulsive field, a sliding mode, and the protective stop."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from jssa_gym.kernels.stopping import REST, plan_stop, stop_jerk
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.shields.filter import NoFilter, SafetyFilter
+from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.pairs import ROWS, PairFilter, Rows
 from jssa_gym.types import Array, Decision, Scene, Status
 from jssa_gym.validation import known_name, number_within, positive_number, share
@@ -277,21 +277,3 @@ class SSMFilter(PairFilter):
     def _ends(self) -> Array:
         """Ends of the robot capsules, shape (m, 2, 3) [m]."""
         return np.stack([self._segments["start"], self._segments["end"]], axis=1)
-
-
-class StopFilter(NoFilter):
-    """The verified stop alone: the nominal as long as a verified stop follows it, inside the viability box.
-
-    Both layers are always there, whatever ``viability`` says; ``failsafe`` None stands for its defaults.
-    """
-
-    def __init__(
-        self,
-        robot: RobotModel,
-        dt: float,
-        params: None = None,
-        *,
-        viability: bool = True,
-        failsafe: FailsafeParams | None = None,
-    ) -> None:
-        super().__init__(robot, dt, params, viability=True, failsafe=failsafe or FailsafeParams())

@@ -326,11 +326,3 @@ def _at_present(watch: Watch) -> CapsuleSet:
         return human
     late = age[:, None]
     return human._replace(start=human.start + late * human.start_velocity, end=human.end + late * human.end_velocity)
-
-
-class NoFilter(SafetyFilter):
-    """Applies the nominal inside the jerk bounds: the baseline that protects nobody, but still fails closed."""
-
-    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
-        status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, OUTSIDE)
-        return Decision(self._clipped.copy(), nominal, status, reason, np.nan, np.nan, (-1, -1), 0.0, 0)

@@ -79,7 +79,7 @@ class PairFilter(SafetyFilter):
         self._pair, self._closest = (row, column), row * len(agents) + column
         if row < 0:
             return self._untouched(nominal, inside, -np.inf)
-        if not np.isfinite(self._motion).all():
+        if not np.isfinite(self._motion).all() or np.isnan(self._phi).any():
             return self._failed(nominal, "a distance or one of its derivatives is not finite")
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by its value
             return self._respond(nominal, inside)
