@@ -155,7 +155,9 @@ def corrected(equal: Equalities, right: Array, jerk: Array) -> Array:
     return jerk
 
 
-def limited(spline: Splines, jerk: Array, motion: Array, J: float, A: float, V: Array, low: Array, high: Array) -> Array:
+def limited(
+    spline: Splines, jerk: Array, motion: Array, J: float, A: float, V: Array, low: Array, high: Array
+) -> Array:
     """One joint's jerks of least norm that keep its limits at every tick, if there are any.
 
     Minimises the squared distance from the least-norm solution, which is the same, by Mehrotra's predictor and

@@ -22,8 +22,8 @@ _STEPS = 40
 def fewest_ticks(distance: float, V: float, A: float, J: float, dt: float) -> tuple[int, int, int]:
     r"""The shortest symmetric jerk-limited move of one joint from rest to rest on the time grid.
 
-    Jerk :math:`u` for :math:`n_j` ticks, none for :math:`n_a`, :math:`-u` for :math:`n_j`, none for :math:`n_v`, and the
-    same backwards. With times :math:`t = n\tau` it goes
+    Jerk :math:`u` for :math:`n_j` ticks, none for :math:`n_a`, :math:`-u` for :math:`n_j`, none for :math:`n_v`, and
+    the same backwards. With times :math:`t = n\tau` it goes
 
     .. math:: \Delta = u\, t_j (t_j + t_a) (2 t_j + t_a + t_v),
 
@@ -87,7 +87,8 @@ def plan_move(start: ArrayLike, goal: ArrayLike, limits: JointLimits, dt: float)
         InfeasibleError: Start or goal lies outside the position limits.
     """
     n = len(limits.jerk)
-    begin, end = real_array("start", start, (n,), "a joint position"), real_array("goal", goal, (n,), "a joint position")
+    begin = real_array("start", start, (n,), "a joint position [rad]")
+    end = real_array("goal", goal, (n,), "a joint position [rad]")
     way, rest = end - begin, np.zeros(n)
     state = np.array([begin, rest, rest])
     moving = np.flatnonzero(np.abs(way) > 1e-12)

@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,6 +58,8 @@ class Task(ABC):
     human: ClassVar[str]
     """Default human motion."""
     text: ClassVar[str]
+    space: ClassVar[Literal["joints", "tip"]]
+    """What a goal is: joint positions (n,) or (K, n) [rad], or a point (3,) for the tool centre in the world [m]."""
     terms: ClassVar[tuple[RewardTerm, ...]]
     """The task's own terms; :data:`COMMON_TERMS` follow."""
     hold_time: ClassVar[float] = 0.1
@@ -95,6 +97,7 @@ class Home(Task):
     """Hold the home position: the paper's task. It never terminates on success."""
 
     name: ClassVar[str] = "home"
+    space: ClassVar[Literal["joints", "tip"]] = "joints"
     human: ClassVar[str] = "approach_retreat"
     text: ClassVar[str] = (
         "Hold the home position (the paper's task). Success, within 0.05 rad (root mean square) for 0.1 s, "
@@ -133,6 +136,7 @@ class Reach(Task):
     """Bring the tool centre point to a random reachable target and hold it there."""
 
     name: ClassVar[str] = "reach"
+    space: ClassVar[Literal["joints", "tip"]] = "tip"
     human: ClassVar[str] = "random"
     text: ClassVar[str] = (
         "Bring the tool centre point within 0.02 m of a random target, slower than 0.05 m/s, for 0.1 s."
