@@ -26,8 +26,8 @@ MET = 1e-6
 _TURNING = 1e-5
 """Speed at a waypoint on the end of the range [rad/s]."""
 
-_LONGEST = 2**14
-"""No horizon is longer than this many ticks (131 s at 125 Hz)."""
+_LONGEST = 2**12
+"""No horizon is tried that is longer than this many ticks (33 s at 125 Hz) when the shortest period is looked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
