@@ -1,5 +1,7 @@
 """Plans: limits at and between the ticks, end conditions, optimality, the shortest period."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -78,7 +80,7 @@ def run_random_waypoints(limits, count):
                 state = JointState(*move.states[rng.integers(len(move))])
                 in_motion += 1
         legs = [state.position, *waypoints]
-        slowest = max(len(plan_move(a, b, limits, DT)) for a, b in zip(legs, legs[1:], strict=False))
+        slowest = max(len(plan_move(a, b, limits, DT)) for a, b in itertools.pairwise(legs))
         each = max(4, round(slowest * rng.uniform(0.6, 1.5)))
         try:
             plan = plan_waypoints(state, waypoints, each * DT, limits, DT, shortest=False)
@@ -219,7 +221,7 @@ def test_optimality_by_its_conditions(robot):
         each = plan.marks[0] + 2
         plan = plan_waypoints(rest(start), waypoints, each * DT, limits, DT)
         for j in range(6):
-            A, r, G, h, J = full_problem(limits, j, rest(start), waypoints, each)
+            A, _, G, h, J = full_problem(limits, j, rest(start), waypoints, each)
             u = plan.jerk[:, j] * DT**3 / J
             active = G[h - G @ u < 1e-5]
             bound += len(active) > 0
