@@ -77,7 +77,7 @@ def clearance(robot: RobotModel, posture: Array, planes: Planes) -> float:
 
 
 def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, clear: float) -> bool:
-    """Whether the straight way in joint space stays clear, or comes no closer than it starts; looked at every 0.02 rad."""
+    """Whether the straight way in joint space, every 0.02 rad of it, stays clear or comes no closer than it starts."""
     count = max(2, int(np.ceil(np.abs(goal - start).max() / 0.02)) + 1)
     least = min(clear, clearance(robot, start, planes))
     return all(

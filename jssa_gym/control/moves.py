@@ -131,9 +131,7 @@ def plan_approach(state: JointState, goal: ArrayLike, limits: JointLimits, dt: f
     """
     if not (np.any(state.velocity) or np.any(state.acceleration)):
         return plan_move(state.position, goal, limits, dt)
-    stop = plan_brake(state, limits, dt)
-    ahead = np.max(np.abs(np.asarray(goal, float) - state.position) / limits.velocity) / dt
-    ticks = max(len(stop), int(ahead), FEWEST)
+    ticks = max(len(plan_brake(state, limits, dt)), len(plan_move(state.position, goal, limits, dt)), FEWEST)
     for _ in range(_STEPS):
         try:
             return plan_waypoints(state, [goal], ticks * dt, limits, dt, shortest=False)

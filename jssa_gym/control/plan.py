@@ -26,6 +26,9 @@ MET = 1e-6
 _TURNING = 1e-5
 """Speed at a waypoint on the end of the range [rad/s]."""
 
+_BETWEEN = 1e-3
+"""Share of a limit that is more than what is lost between ticks."""
+
 _LONGEST = 2**12
 """No horizon is tried that is longer than this many ticks (33 s at 125 Hz) when the shortest period is looked for."""
 
@@ -196,6 +199,8 @@ def _limited(
         follow(jerk, dt, states)
         if keeps(jerk, dt, states, bounds, 0, TOLERANCE):
             return jerk[:, 0]
+        if not keeps(jerk, dt, states, bounds, 0, _BETWEEN):
+            return None  # so much is lost at the ticks already
     return None
 
 
