@@ -94,7 +94,7 @@ def test_its_usual_call_plans_nothing(monkeypatch):
 def test_it_goes_home_and_stays(robot):
     env = gym.make("jssa_gym/Home-v0", human="none", terminate_on=())
     for seed in range(5):
-        start = robot.home + np.random.default_rng(seed).uniform(-0.8, 0.8, 6)
+        start = robot.home + np.random.default_rng(seed).uniform(-0.5, 0.5, 6)
         policy = JPCPolicy(env, seed)
         infos, states = drive(env, policy, 500, seed, {"joint_position": start})
         assert not any(info["limit_violation"] for info in infos)
