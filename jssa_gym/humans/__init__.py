@@ -10,6 +10,7 @@ from jssa_gym.humans.pursuit import Pursuit
 from jssa_gym.humans.random_walk import RandomWalk
 from jssa_gym.humans.steered import Steered
 from jssa_gym.humans.walks import ApproachRetreat, ConstantVelocity, WalkBy
+from jssa_gym.humans.waypoints import Waypoints
 from jssa_gym.validation import known_name
 
 HUMANS: dict[str, Callable[[], HumanMotion]] = {
@@ -38,6 +39,7 @@ __all__ = [
     "Steered",
     "Walk",
     "WalkBy",
+    "Waypoints",
     "make_human",
     "nobody",
     "together",
