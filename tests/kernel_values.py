@@ -8,6 +8,7 @@ from jssa_gym.humans import Body
 from jssa_gym.kernels.capsules import measure_planes, measure_self
 from jssa_gym.kernels.chain import drift_of, jacobian, jacobian_rate
 from jssa_gym.kernels.contact import observe
+from jssa_gym.kernels.derivatives import derivatives
 from jssa_gym.kernels.index import assess, exact_rows
 from jssa_gym.kernels.motion import brake, integrate, scale_action, violates
 from jssa_gym.kernels.printed import measure_present, printed_rows
@@ -85,6 +86,12 @@ def main() -> None:
         measure_present(robot.links, robot.capsules, state, agents, frames, segments, human_pairs)
         count = printed_rows(frames, segments, agents, human_pairs, -bound, bound, TAU, index, -1, 1e-3, L, S, owner)
         keep("printed", L[:count])
+        present = (np.zeros((human_pairs.size, 4)), np.zeros((human_pairs.size, n)), np.zeros((human_pairs.size, 3)))
+        parameters = IndexParams().array()
+        derivatives(robot.links, robot.capsules, state, agents, parameters, frames, segments, human_pairs, *present)
+        for name, values in zip(("motion", "normal jacobian", "normal"), present, strict=True):
+            keep(name, values)
+        keep("present phi", human_pairs["phi"])
         own, plane_pairs = np.zeros(len(robot.self_pairs)), records((len(segments), 1), PAIR)
         measure_self(segments, robot.self_pairs, own)
         measure_planes(segments, planes, plane_pairs)

@@ -1020,7 +1020,7 @@ BAD_ACTIONS = {
 }
 
 
-@pytest.fixture(params=["jssa", "jssa_published", "none"])
+@pytest.fixture(params=["jssa", "jssa_published", "ssa", "none"])
 def shielded(request):
     """An environment under a bare filter, a few steps into an episode, somebody in front."""
     bare = gym.make("jssa_gym/Home-v0", terminate_on=(), human="approach_retreat")

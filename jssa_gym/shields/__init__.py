@@ -1,26 +1,40 @@
 """Safety filters, and the wrappers that put them around an environment."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
+from jssa_gym.shields.energy import SSAFilter, SSAParams
 from jssa_gym.shields.filter import NoFilter, SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.shield import JSSAShield, Shield
 from jssa_gym.validation import known_name
 
-__all__ = ["FILTERS", "Build", "JSSAFilter", "JSSAShield", "NoFilter", "SafetyFilter", "Shield", "make_filter"]
+__all__ = [
+    "FILTERS",
+    "Build",
+    "JSSAFilter",
+    "JSSAShield",
+    "NoFilter",
+    "SSAFilter",
+    "SSAParams",
+    "SafetyFilter",
+    "Shield",
+    "make_filter",
+]
 
 
 class Build(Protocol):
-    """Builds a filter for a robot and a time step."""
+    """Builds a filter for a robot and a time step: a class of filters, or a function that sets some options."""
 
     def __call__(
         self,
         robot: RobotModel,
         dt: float,
-        index: IndexParams | None,
+        params: Any = None,
+        /,
         *,
         viability: bool = False,
         failsafe: FailsafeParams | None = None,
@@ -29,53 +43,20 @@ class Build(Protocol):
         ...
 
 
-def _jssa(
-    robot: RobotModel,
-    dt: float,
-    index: IndexParams | None,
-    *,
-    viability: bool = False,
-    failsafe: FailsafeParams | None = None,
-) -> SafetyFilter:
-    return JSSAFilter(robot, dt, index, viability=viability, failsafe=failsafe)
-
-
 def _jssa_published(
-    robot: RobotModel,
-    dt: float,
-    index: IndexParams | None,
-    *,
-    viability: bool = False,
-    failsafe: FailsafeParams | None = None,
+    robot: RobotModel, dt: float, params: Any = None, /, *, viability: bool = False, failsafe: Any = None
 ) -> SafetyFilter:
-    published = index or IndexParams(lambda1=3.0, lambda2=1.0, sliding=False)
-    return JSSAFilter(
-        robot,
-        dt,
-        published,
-        rows="closest",
-        gradient="printed",
-        recovery=0.0,
-        viability=viability,
-        failsafe=failsafe,
-    )
-
-
-def _none(
-    robot: RobotModel,
-    dt: float,
-    index: IndexParams | None,
-    *,
-    viability: bool = False,
-    failsafe: FailsafeParams | None = None,
-) -> SafetyFilter:
-    return NoFilter(robot, dt, viability=viability, failsafe=failsafe)
+    """The paper to the letter, see :meth:`JSSAShield.as_published`."""
+    published = IndexParams(lambda1=3.0, lambda2=1.0) if params is None else params
+    options: Any = {"rows": "closest", "gradient": "printed", "recovery": 0.0}
+    return JSSAFilter(robot, dt, published, **options, viability=viability, failsafe=failsafe)
 
 
 FILTERS: dict[str, Build] = {
-    "jssa": _jssa,
+    "jssa": JSSAFilter,
     "jssa_published": _jssa_published,
-    "none": _none,
+    "ssa": SSAFilter,
+    "none": NoFilter,
 }
 """Filters by name, built for a robot and a time step."""
 
@@ -86,6 +67,7 @@ def make_filter(
     dt: float,
     index: IndexParams | None = None,
     *,
+    params: Any = None,
     viability: bool = False,
     failsafe: FailsafeParams | None = None,
 ) -> SafetyFilter:
@@ -94,7 +76,18 @@ def make_filter(
     The bare filter, to be compared with others; ``viability=True, failsafe=FailsafeParams()`` puts the viability box
     and the verified stop around it.
 
+    Args:
+        name: The filter.
+        robot: The arm, where it stands.
+        dt: Control step [s].
+        index: Parameters of the JSSA filters, another word for their ``params``.
+        params: The filter's own parameters, such as ``SSAParams()`` for ``"ssa"``; None for its defaults.
+        viability, failsafe: See :class:`~jssa_gym.shields.filter.SafetyFilter`.
+
     Raises:
-        ParameterError: Unknown name.
+        ParameterError: Unknown name, or parameters of another filter.
     """
-    return FILTERS[known_name("filter", name, FILTERS)](robot, dt, index, viability=viability, failsafe=failsafe)
+    build = FILTERS[known_name("filter", name, FILTERS)]
+    if index is not None and params is not None:
+        raise ParameterError("index and params are two words for the same: give one of them")
+    return build(robot, dt, index if params is None else params, viability=viability, failsafe=failsafe)

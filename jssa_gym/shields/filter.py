@@ -2,6 +2,9 @@
 
 import logging
 from abc import ABC, abstractmethod
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +13,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.motion import brake, integrate
+from jssa_gym.kernels.projection import clip
 from jssa_gym.kernels.records import AGENT, records
 from jssa_gym.kernels.tick import take_in, unfit
 from jssa_gym.robots import RobotModel
@@ -55,17 +59,29 @@ class SafetyFilter(ABC):
     Args:
         robot: The arm, where it stands.
         dt: Control step [s].
+        params: The filter's own parameters, a :attr:`params_type`; None for its defaults.
         viability: Whether the jerk is kept in bounds that keep position, velocity and acceleration limits recoverable.
         failsafe: Assumptions of the verified stop; None for no verified stop.
 
     Raises:
-        ParameterError: ``dt`` is not a positive number, ``viability`` no bool or ``failsafe`` no FailsafeParams.
+        ParameterError: ``dt`` is not a positive number, ``params`` of another type, ``viability`` no bool or
+            ``failsafe`` no FailsafeParams.
     """
 
+    params_type: ClassVar[type | None] = None
+    """Frozen dataclass of the filter's own parameters; None for a filter without any."""
+
     def __init__(
-        self, robot: RobotModel, dt: float, *, viability: bool = False, failsafe: FailsafeParams | None = None
+        self,
+        robot: RobotModel,
+        dt: float,
+        params: Any = None,
+        *,
+        viability: bool = False,
+        failsafe: FailsafeParams | None = None,
     ) -> None:
         announce_compilation()
+        self.params = self._checked(params)
         self.robot = robot
         self.dt = positive_number("dt", dt)
         if not isinstance(viability, bool):
@@ -85,6 +101,16 @@ class SafetyFilter(ABC):
         self._valid = np.ones(0, np.bool_)
         self._none = records(0, AGENT)
         self._agents = records(0, AGENT)
+
+    def _checked(self, params: Any) -> Any:
+        """The parameters, or their defaults; raises ParameterError if they are another filter's."""
+        kind = self.params_type
+        if params is None:
+            return None if kind is None else kind()
+        if kind is None or not isinstance(params, kind):
+            wanted = "has no parameters" if kind is None else f"takes {kind.__name__}"
+            raise ParameterError(f"{type(self).__name__} {wanted}, got {params!r}")
+        return params
 
     def reset(self, scene: Scene) -> None:
         """Forget the past: a new episode begins with ``scene``."""
@@ -197,6 +223,18 @@ class SafetyFilter(ABC):
     def _amended(self, decision: Decision, held: int, halt: Array) -> Array:
         """The jerk to apply if the first ``held`` joints have to follow the stored stop's, ``halt`` (n,)."""
         return np.concatenate([halt[:held], decision.jerk[held:]])
+
+    @contextmanager
+    def _held(self, nominal: Array, held: int, halt: Array) -> Generator[None]:
+        """For a while, a box that leaves the first ``held`` joints no choice but ``halt``."""
+        lower, upper = self.lower, self.upper
+        self.lower, self.upper = lower.copy(), upper.copy()
+        self.lower[:held] = self.upper[:held] = halt[:held]
+        try:
+            clip(nominal, self.lower, self.upper, self._clipped)
+            yield
+        finally:
+            self.lower, self.upper = lower, upper
 
     def _overruled(self, decision: Decision, verdict: Verdict) -> Decision:
         """The verified stop has decided."""

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.printed import measure_present, printed_rows
-from jssa_gym.kernels.projection import clip, violation
+from jssa_gym.kernels.projection import violation
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.kernels.tick import look_ahead, look_back, rows_ahead
 from jssa_gym.robots import RobotModel
@@ -59,6 +59,8 @@ class JSSAFilter(SafetyFilter):
         ParameterError: An option is unknown or a number out of range; the message says what is valid.
     """
 
+    params_type = IndexParams
+
     def __init__(
         self,
         robot: RobotModel,
@@ -75,7 +77,7 @@ class JSSAFilter(SafetyFilter):
         viability: bool = False,
         failsafe: FailsafeParams | None = None,
     ) -> None:
-        super().__init__(robot, dt, viability=viability, failsafe=failsafe)
+        super().__init__(robot, dt, index, viability=viability, failsafe=failsafe)
         known_name("rows", rows, ("all", "closest"))
         known_name("gradient", gradient, ("exact", "printed"))
         known_name("projector", projector, PROJECTORS)
@@ -91,7 +93,7 @@ class JSSAFilter(SafetyFilter):
         if recovery != 0.0 and not positive_number("recovery", recovery) <= 1.0:
             raise ParameterError(f"recovery has to be between 0 and 1, got {recovery!r}")
         self.recovery = float(recovery)
-        self.index = index or IndexParams()
+        self.index: IndexParams = self.params
         self.rows, self.gradient, self.static_rows = rows, gradient, static_rows
         self._projector = PROJECTORS[projector](robot.n, weight)
         self._index, self._parameters = self.index.kernel(), self.index.array()
@@ -222,16 +224,11 @@ class JSSAFilter(SafetyFilter):
         """Projected once more, in a box that leaves the held joints no choice."""
         if self.gradient == "printed":
             return super()._amended(decision, held, halt)
-        lower, upper = self.lower, self.upper
-        self.lower, self.upper = lower.copy(), upper.copy()
-        self.lower[:held] = self.upper[:held] = halt[:held]
         try:
-            clip(decision.nominal, self.lower, self.upper, self._clipped)
-            return self._solve(decision.nominal, False)[2].copy()
+            with self._held(decision.nominal, held, halt):
+                return self._solve(decision.nominal, False)[2].copy()
         except _UnsolvedError:
             return super()._amended(decision, held, halt)
-        finally:
-            self.lower, self.upper = lower, upper
 
     def _solve(
         self, nominal: Array, move: bool
