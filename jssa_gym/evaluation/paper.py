@@ -92,3 +92,19 @@ TABLE1: Mapping[tuple[float, float], Measures] = {
     (8.0, 8.0): Measures(0.316, 0.080, 5.024, 0.944, 0.633, 0.299),
 }
 """Table 1 by (λ₁, λ₂)."""
+
+STEPS = 750
+"""Length of the episodes: 6 s. The paper's last trigger is at 5.024 s."""
+
+_PERIOD, _ACCELERATION = 0.4, 4.0
+_START = (1.8, 1.2)
+_SHARES = ((0.0, 0.0),) * 12
+
+
+def stand_in() -> HumanMotion:
+    """The person in place of the paper's, whose trajectory is not published.
+
+    Constant accelerations for 0.4 s each, found by ``benchmarks/stand_in.py`` (seed 0), which asks for the numbers of
+    Fig. 6 with the filter as published; Fig. 8 and Table 1 play no part in it.
+    """
+    return Steered(_SHARES, speed=1.6, acceleration=_ACCELERATION, period=_PERIOD, start=_START)

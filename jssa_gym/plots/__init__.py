@@ -3,5 +3,18 @@
 from jssa_gym.plots.backend import require
 from jssa_gym.plots.campaigns import Curve, degradation
 from jssa_gym.plots.episodes import gauge, label, profile, write_film
+from jssa_gym.plots.portrait import portraits, shifts
+from jssa_gym.plots.sensitivity import sensitivity
 
-__all__ = ["Curve", "degradation", "gauge", "label", "profile", "require", "write_film"]
+__all__ = [
+    "Curve",
+    "degradation",
+    "gauge",
+    "label",
+    "portraits",
+    "profile",
+    "require",
+    "sensitivity",
+    "shifts",
+    "write_film",
+]
