@@ -102,7 +102,7 @@ HORIZON = 1000
 _ENV = "jssa_gym.envs.arm:ArmEnv"
 _SHIELD = WrapperSpec("JSSAShield", "jssa_gym.shields.shield:JSSAShield", {})
 
-for _name in ("Home", "Reach"):
+for _name in ("Home", "Reach", "Track", "Handover"):
     _kwargs = {"task": _name.lower()}
     if f"jssa_gym/{_name}-v0" not in gym.registry:
         gym.register(f"jssa_gym/{_name}-v0", _ENV, max_episode_steps=HORIZON, kwargs=_kwargs)

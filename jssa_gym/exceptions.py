@@ -31,3 +31,7 @@ class DisplayError(JSSAGymError, RuntimeError):
 
 class MissingExtraError(JSSAGymError, ImportError):
     """An optional dependency is not installed; the message says what to install."""
+
+
+class RecordingError(JSSAGymError, ValueError):
+    """Recorded motion of a person is malformed, truncated or not finite; the message says what and where."""

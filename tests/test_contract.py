@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 
 from jssa_gym.envs.arm import ArmEnv
-from jssa_gym.envs.tasks import TASKS, Moment
+from jssa_gym.envs.tasks import TASKS, Moment, Task
 from jssa_gym.envs.world import SCENES, planes_of
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.records import FRAME, SEGMENT, records
 from jssa_gym.robots import ROBOTS
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import JointState
+
+HOOKS = ("follow", "advance", "metrics")
+"""What an environment calls of a task that evolves only."""
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -53,27 +57,42 @@ class TestRobot:
 @pytest.mark.parametrize("name", TASKS)
 class TestTask:
     def test_its_goals_are_goals(self, name: str) -> None:
-        env = ArmEnv(name, human="none")
+        env = ArmEnv(name)
         for seed in range(20):
             env.reset(seed=seed)
-            np.testing.assert_array_equal(env.task.check_goal(env.goal, env.robot), env.goal)
+            shapes = {"joints": [(env.robot.n,), (*env.goal.shape[:-1], env.robot.n)], "tip": [(3,)]}
+            assert env.goal.shape in shapes[env.task.space]
+            if type(env.task).follow is Task.follow:
+                np.testing.assert_array_equal(env.task.check_goal(env.goal, env.robot), env.goal)
+            else:  # a goal that is somebody's cannot be set
+                with pytest.raises(ParameterError):
+                    env.reset(options={"goal": env.goal})
 
     def test_it_observes_what_its_features_announce(self, name: str) -> None:
-        env = ArmEnv(name, human="none")
+        env = ArmEnv(name)
         env.reset(seed=0)
         moment = Moment(np.array(env.robot.home), np.array([0.4, 0.0, 1.4]), 0.0, np.zeros(6), np.inf, False)
         observed = env.task.observe(env.goal, moment)
         assert observed.shape == (sum(f.size for f in env.task.features(env.robot)),)
 
     def test_a_goal_that_is_met_is_reached_and_worth_most(self, name: str) -> None:
-        env = ArmEnv(name, human="none")
+        env = ArmEnv(name)
         env.reset(seed=0)
         away = Moment(np.array(env.robot.home) + 0.5, np.array([9.0, 9.0, 9.0]), 0.0, np.zeros(6), np.inf, False)
-        there = away._replace(**{"position" if len(env.goal) == env.robot.n else "tip": env.goal})
+        there, where = away, "position" if env.task.space == "joints" else "tip"
+        for point in np.atleast_2d(env.goal):  # one after the other, with all the time in the world
+            there = there._replace(**{where: point})
+            there = there._replace(progress=env.task.advance(env.goal, there, np.zeros(6), 1e3))
+        away = away._replace(progress=there.progress)
         weight = env.task.terms[0].weight
         assert weight * env.task.value(env.goal, there) > weight * env.task.value(env.goal, away)
         assert env.task.reached(env.task.value(env.goal, there), there)
         assert not env.task.reached(env.task.value(env.goal, away), away)
+
+    def test_it_evolves_if_it_says_so(self, name: str) -> None:
+        # what an environment does not ask for must not be there
+        task = TASKS[name]
+        assert task.evolves == any(getattr(task, hook) is not getattr(Task, hook) for hook in HOOKS)
 
     def test_its_human_and_its_terms_are_documented(self, name: str) -> None:
         task = TASKS[name]()

@@ -172,7 +172,9 @@ def play(env, steps, seed=3, actions=7):
     return seen
 
 
-@pytest.mark.parametrize("name", ["jssa_gym/ReachShielded-v0", "jssa_gym/Home-v0"])
+@pytest.mark.parametrize(
+    "name", ["jssa_gym/ReachShielded-v0", "jssa_gym/Home-v0", "jssa_gym/Track-v0", "jssa_gym/HandoverShielded-v0"]
+)
 def test_a_seed_fixes_every_bit_in_another_process_too(name):
     here = fingerprint(name, 5, 300)
     assert here == fingerprint(name, 5, 300)
@@ -268,6 +270,18 @@ def expected_observation(env, state, goal):
                 rate = people.start_velocity[j] + r * (people.end_velocity[j] - people.start_velocity[j])
                 best = (distance, on_human - on_robot, on_human - up, rate)
     tip = ref.point(CHAIN, q, 5, (0.16, 0.0, 0.0))
+    own = {"goal": goal - tip - up} if env.task.space == "tip" else {"goal": (HOME - q) / (high - low)}
+    if env.task.name == "track":
+        # seconds after the start: the first waypoint is still to come, the reference on its way to it
+        share = env.scene.time / 1.5
+        eased = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        reference = HOME + eased * (goal[0] - HOME)
+        own = {
+            "goal": (goal[0] - q) / (high - low),
+            "reference": (reference - q) / (high - low),
+            "due": 1.0 - share,
+            "visited": 0.0,
+        }
     return {
         "position": (q - (low + high) / 2.0) / ((high - low) / 2.0),
         "velocity": v / velocity,
@@ -277,8 +291,8 @@ def expected_observation(env, state, goal):
         "human_point": best[2],
         "human_velocity": best[3],
         "human_distance": np.array([parts[j] for j in range(6)]),
-        "goal": (HOME - q) / (high - low) if env.task.name == "home" else goal - tip - up,
         "distance": best[0],
+        **own,
     }
 
 
@@ -966,7 +980,7 @@ def test_a_users_arm_runs_from_its_file(toy_mjcf, task):
     options = {"goal": [0.5, 0.3, TABLE + 0.1]} if task == "reach" else None
     observation, _ = env.reset(seed=0, options=options)
     assert env.action_space.shape == (3,)
-    assert observation.shape == (3 * 3 + 12 + 6 + 3,)
+    assert observation.shape == (3 * 3 + 12 + 6 + sum(f.size for f in env.task.features(env.robot)),)
     np.testing.assert_allclose(env.robot_capsules.start[0], [0.0, 0.0, TABLE + 0.1], atol=1e-12)
     state = [np.array(x) for x in (env.scene.robot.position, env.scene.robot.velocity, env.scene.robot.acceleration)]
     for action in random_actions(env, 20):

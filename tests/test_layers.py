@@ -174,7 +174,7 @@ def test_importing_the_package_loads_nothing_heavy_and_registers_the_ids():
     run = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=True)
     loaded, ids = run.stdout.splitlines()
     assert loaded == "[]"
-    expected = ["Home-v0", "HomeShielded-v0", "Reach-v0", "ReachShielded-v0"]
+    expected = [f"{name}{kind}-v0" for name in ("Home", "Reach", "Track", "Handover") for kind in ("", "Shielded")]
     assert set(ast.literal_eval(ids)) >= {f"jssa_gym/{name}" for name in expected}
 
 

@@ -50,7 +50,7 @@ class Stress:
     """Of every combination."""
     out: Path = Path("stress")
     """Folder for the results; a campaign that is there already is continued."""
-    task: Literal["home", "reach"] = "home"
+    task: Literal["home", "reach", "track", "handover"] = "home"
     """Task of the environment."""
     seconds: float = 8.0
     """Length of an episode."""

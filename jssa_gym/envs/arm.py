@@ -2,18 +2,20 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from jssa_gym.envs.closest import Closest
 from jssa_gym.envs.describe import arm_features, describe
 from jssa_gym.envs.observation import Observation
-from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Task, make_task
+from jssa_gym.envs.options import check_arguments, checked_options
+from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Progress, Task, make_task
 from jssa_gym.envs.world import SCENES, World, planes_of
-from jssa_gym.exceptions import DisplayError, InvalidActionError, ParameterError
+from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.headless import has_display
 from jssa_gym.humans import HumanMotion, make_human, nobody
 from jssa_gym.kernels.compiled import announce_compilation
@@ -24,7 +26,7 @@ from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.proximity import TRUTH, records_for
 from jssa_gym.types import Array, CapsuleSet, JointState, Scene
-from jssa_gym.validation import known_name, positive_number, real_array
+from jssa_gym.validation import positive_number
 
 DT = 0.008
 """Control step: 125 Hz, the paper's."""
@@ -37,26 +39,6 @@ _START_CLEARANCE = 0.1
 
 _LIMIT_TOLERANCE = 1e-9
 """Share of a limit by which it may be exceeded before ``limit_violation`` says so: rounding."""
-
-_ENDINGS = ("success", "contact", "moving_contact", "limit_violation")
-_OPTIONS = ("joint_position", "goal", "human_start")
-
-
-class Closest(NamedTuple):
-    """Truth about the closest robot-human pair after a step."""
-
-    distance: float
-    """Signed surface distance [m]; inf without a human."""
-    rate: float
-    """[m/s]."""
-    curvature: float
-    """Second derivative [m/s²], the human at constant velocity, the points' sliding along the axes included."""
-    robot: int
-    """Robot capsule, -1 without a human."""
-    human: int
-    """Human capsule, -1 without a human."""
-    contact_speed: float
-    """Largest speed of a touching point of the robot [m/s]; 0 without contact."""
 
 
 class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  # its docstring is made below
@@ -79,18 +61,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         width: int = 640,
         height: int = 480,
     ) -> None:
-        known_name("dynamics", dynamics, ("kinematic", "servo"))
-        if isinstance(terminate_on, str) or not isinstance(terminate_on, Sequence):
-            raise ParameterError(f"terminate_on has to be a tuple of {', '.join(_ENDINGS)}; got {terminate_on!r}")
-        for ending in terminate_on:
-            known_name("ending in terminate_on", ending, _ENDINGS)
-        if render_mode is not None:
-            known_name("render_mode", render_mode, ("rgb_array", "human"))
-        for name, value in (("width", width), ("height", height)):
-            if not isinstance(value, int) or value < 1:
-                raise ParameterError(f"{name} has to be a positive integer, got {value!r}")
-        if render_mode == "human" and not has_display():
-            raise DisplayError("no display for a window; use render_mode='rgb_array'")
+        check_arguments(dynamics, terminate_on, render_mode, width, height)
         announce_compilation()
         self.planes = planes_of(scene)
         self.task = make_task(task)
@@ -120,7 +91,10 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self._agents, self._pairs = records(0, AGENT), records((len(self.robot.capsules), 0), PAIR)
         self._age, self._valid = np.zeros(0), np.ones(0, np.bool_)
         self._near, self._tip = np.zeros(13), np.zeros((2, 3))
-        parts = len(self._rehearsal(self.human).radius) // max(self.human.people, 1)
+        # the people as they would begin some episode: how many capsules there are, and whether the goal is among them
+        rehearsal = make_human(self.human).reset(np.random.default_rng(0))
+        self.task.follow(np.zeros(0), rehearsal)
+        parts = len(rehearsal.radius) // max(self.human.people, 1)
         self._parts = np.zeros(max(parts, 1))
         self._static = nobody()
         self._observation = Observation((*arm_features(self.robot, max(parts, 1)), *self.task.features(self.robot)))
@@ -131,16 +105,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
         self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
         endings = self.terminate_on
+        self._evolves = self.task.evolves
         self._ends_success = "success" in endings and self.task.ends
         self._ends_contact = "contact" in endings
         self._ends_moving, self._ends_violation = "moving_contact" in endings, "limit_violation" in endings
         self._hold_steps = self.task.hold_time / self.dt - 1e-9
         self._begin(np.array(self.robot.home), np.zeros(0), nobody())
-
-    @staticmethod
-    def _rehearsal(human: HumanMotion) -> CapsuleSet:
-        """The people as they would begin some episode: tells how many capsules there are."""
-        return make_human(human).reset(np.random.default_rng(0))
 
     @property
     def world(self) -> World:
@@ -177,7 +147,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
 
     @property
     def goal(self) -> Array:
-        """The task's goal; a copy."""
+        """The task's goal at present; a copy."""
         return self._goal.copy()
 
     @property
@@ -207,17 +177,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         Raises:
             ParameterError: An option is unknown or out of range.
         """
-        options = {} if options is None else options
-        unknown = [key for key in options if key not in _OPTIONS]
-        if unknown:
-            raise ParameterError(f"unknown reset options {unknown}; valid: {', '.join(_OPTIONS)}")
-        position = self._checked_position(options.get("joint_position"))
-        start, goal = options.get("human_start"), options.get("goal")
-        if start is not None:
-            start = real_array("human_start", start, (2,), "a point on the floor [m]")
-            self.human.check_start(start)
-        if goal is not None:
-            goal = self.task.check_goal(goal, self.robot)
+        position, goal, start = checked_options(options, self.robot, self.human, self.task)
         # the user's part is checked; only now does anything change
         super().reset(seed=seed)
         if goal is None:
@@ -231,25 +191,19 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         if self.dynamics == "servo":
             self.world.servo_reset(position)
         info = self._info(np.zeros(self.robot.n), distance, contact_speed, False, False)
+        moment = Moment(position, self._tip[0], self._tip_speed, self._zero, distance, False, self._progress)
+        if self._evolves:
+            self._goal = self.task.follow(self._goal, self._people)
+            info |= self.task.metrics(self.task.value(self._goal, moment), moment)
         if self.render_mode == "human":
             self.render()
-        moment = Moment(position, self._tip[0], self._tip_speed, self._zero, distance, False)
         return self._observed(moment), info
-
-    def _checked_position(self, position: Any) -> Array:
-        if position is None:
-            return np.array(self.robot.home)
-        array = real_array("joint_position", position, (self.robot.n,), "a joint position [rad]")
-        low, high = self.robot.limits.position.T
-        if not np.all((low <= array) & (array <= high)):
-            raise ParameterError(f"joint_position has to lie inside the position limits, got {position!r}")
-        return array
 
     def _begin(self, position: Array, goal: Array, people: CapsuleSet) -> None:
         n = self.robot.n
         self._state = np.array([position, np.zeros(n), np.zeros(n)])
         self._actual = self._state
-        self._goal = goal
+        self._goal, self._progress = goal, Progress(position)
         self._time, self._steps, self._held = 0.0, 0, 0
         self._take_people(people)
         self._closest = (-1, -1)
@@ -322,11 +276,15 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             self._actual, distance, contact_speed, _ = self._look(actual, self._zero, 0.0)
 
         moving = contact_speed > MOVING
-        moment = Moment(self._actual[0], self._tip[0], self._tip_speed, fraction, distance, moving)
+        moment = Moment(self._actual[0], self._tip[0], self._tip_speed, fraction, distance, moving, self._progress)
+        if self._evolves:
+            moment = self._evolve(moment)
         value = self.task.value(self._goal, moment)
         self._held = self._held + 1 if self.task.reached(value, moment) else 0
         success = self._held >= self._hold_steps
         info = self._info(jerk, distance, contact_speed, success, violation)
+        if self._evolves:
+            info |= self.task.metrics(value, moment)
         reward = self._reward(moment, value, success, info)
         terminated = (
             (success and self._ends_success)
@@ -337,6 +295,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         if self.render_mode == "human":
             self.render()
         return self._observed(moment), reward, terminated, False, info
+
+    def _evolve(self, moment: Moment) -> Moment:
+        """Let the goal go with the people, and count what the arm has done of it."""
+        self._goal = self.task.follow(self._goal, self._people)
+        self._progress = self.task.advance(self._goal, moment, self._actual[1], self.dt)
+        return moment._replace(progress=self._progress)
 
     def _reward(self, moment: Moment, value: float, success: bool, info: dict[str, Any]) -> float:
         action = moment.action

@@ -29,11 +29,11 @@ def describe() -> str:
     common = arm_features(robot, parts)
     blocks = []
     for task in (cls() for cls in TASKS.values()):
-        features = feature_table((*common, *task.features(robot))).splitlines()[-1]
+        features = feature_table((*common, *task.features(robot))).splitlines()[len(common) :]
         terms = "\n".join(f"{t.weight:+7.2f} · {t.name:<10} {t.text}" for t in (*task.terms, *COMMON_TERMS))
         blocks.append(
             f"**{task.name}** (default human: ``{task.human}``). {task.text}\n\n::\n\n"
-            + "\n".join("    " + line for line in (features, *terms.splitlines()))
+            + "\n".join("    " + line for line in (*features, *terms.splitlines()))
             + "\n"
         )
     text = f"""An arm driven by joint jerk beside moving people, 125 Hz.
@@ -66,10 +66,10 @@ at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s
 **info** after reset and step: ``distance`` [m] (smallest robot-human surface distance, inf without a human),
 ``contact`` (bool), ``contact_speed`` [m/s] (of the robot's touching point, 0.0 without contact), ``cost`` (1.0 when
 the distance is below ``d_min``), ``jerk`` (n,) [rad/s³] applied, ``limit_violation`` (bool), ``success`` (bool); after
-step also ``reward/<term>``.
+step also ``reward/<term>`` and what the task says.
 
 Args:
-    task: ``"home"``, ``"reach"`` or a :class:`~jssa_gym.envs.tasks.Task`.
+    task: {", ".join(f'``"{name}"``' for name in TASKS)} or a :class:`~jssa_gym.envs.tasks.Task`.
     human: A name in :data:`jssa_gym.humans.HUMANS`, a motion, or several of them; None for the task's default.
     dynamics: ``"kinematic"`` or ``"servo"``.
     scene: ``"table"`` (the base stands at 0.87 m, the arm must stay above) or ``"floor"``.

@@ -8,6 +8,9 @@ from jssa_gym.humans.hand import Hand
 from jssa_gym.humans.motion import CLEARANCE, Crowd, HumanMotion, Nobody, Walk
 from jssa_gym.humans.pursuit import Pursuit
 from jssa_gym.humans.random_walk import RandomWalk
+from jssa_gym.humans.receive import Receive
+from jssa_gym.humans.recorded import Recorded
+from jssa_gym.humans.recording import Recording
 from jssa_gym.humans.steered import Steered
 from jssa_gym.humans.walks import ApproachRetreat, ConstantVelocity, WalkBy
 from jssa_gym.humans.waypoints import Waypoints
@@ -21,6 +24,8 @@ HUMANS: dict[str, Callable[[], HumanMotion]] = {
     "walk_by": WalkBy,
     "pursuit": Pursuit,
     "hand": Hand,
+    "receive": Receive,
+    "recorded": Recorded,
 }
 """Motions by name."""
 
@@ -36,6 +41,9 @@ __all__ = [
     "Nobody",
     "Pursuit",
     "RandomWalk",
+    "Receive",
+    "Recorded",
+    "Recording",
     "Steered",
     "Walk",
     "WalkBy",

@@ -53,7 +53,12 @@ class Limb:
         sx, sy, sz = self._shoulder
         x, y = root
         _, (px, py, pz) = nearest_to_point((sx + x, sy + y, sz), robot.start, robot.end, robot.radius)
-        way = (px - x - sx, py - y - sy, pz - sz)
+        self.point((px - x, py - y, pz))
+
+    def point(self, place: Sequence[float]) -> None:
+        """Make a place relative to the root, shape (3,) [m], the goal, or as far towards it as the arm is long."""
+        sx, sy, sz = self._shoulder
+        way = (place[0] - sx, place[1] - sy, place[2] - sz)
         part = min(1.0, self._length / max(math.hypot(*way), _THERE))
         self._goal = [sx + part * way[0], sy + part * way[1], sz + part * way[2]]
 

@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from jssa_gym.control import Cascade
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans import nobody
-from jssa_gym.safety.proximity import measure
+from jssa_gym.safety.postures import clearances
 from jssa_gym.types import Array, JointState, Planes
 from jssa_gym.validation import low_high, positive_number
 
@@ -104,12 +103,11 @@ class WanderPolicy:
         return bool(np.abs(self._target - state.position).max() < self._NEAR)
 
     def _posture(self, planes: Planes) -> Array:
-        robot, zero = self._robot, np.zeros(self._robot.n)
+        robot = self._robot
         low, high = robot.limits.position.T
         margin = 0.05 * (high - low)
         for _ in range(100):
             posture = self._rng.uniform(low + margin, high - margin)
-            near = measure(robot, JointState(posture, zero, zero), nobody(), planes)
-            if min(near.own.min(initial=np.inf), near.planes.min(initial=np.inf)) >= self._CLEAR:
+            if min(clearances(robot, posture, planes)) >= self._CLEAR:
                 return posture
         return np.array(robot.home)

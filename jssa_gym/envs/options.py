@@ -1,0 +1,79 @@
+"""Checks of what users pass to an environment, before anything changes."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jssa_gym.envs.tasks import Task
+from jssa_gym.exceptions import DisplayError, ParameterError
+from jssa_gym.headless import has_display
+from jssa_gym.humans import HumanMotion
+from jssa_gym.robots import RobotModel
+from jssa_gym.types import Array
+from jssa_gym.validation import known_name, real_array
+
+_ENDINGS = ("success", "contact", "moving_contact", "limit_violation")
+_OPTIONS = ("joint_position", "goal", "human_start")
+
+
+def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: Any, height: Any) -> None:
+    """Refuse what :class:`~jssa_gym.envs.ArmEnv` cannot be built with.
+
+    Raises:
+        ParameterError: An argument is unknown or out of range.
+        DisplayError: A window without a display.
+    """
+    known_name("dynamics", dynamics, ("kinematic", "servo"))
+    if isinstance(terminate_on, str) or not isinstance(terminate_on, Sequence):
+        raise ParameterError(f"terminate_on has to be a tuple of {', '.join(_ENDINGS)}; got {terminate_on!r}")
+    for ending in terminate_on:
+        known_name("ending in terminate_on", ending, _ENDINGS)
+    if render_mode is not None:
+        known_name("render_mode", render_mode, ("rgb_array", "human"))
+    for name, value in (("width", width), ("height", height)):
+        if not isinstance(value, int) or value < 1:
+            raise ParameterError(f"{name} has to be a positive integer, got {value!r}")
+    if render_mode == "human" and not has_display():
+        raise DisplayError("no display for a window; use render_mode='rgb_array'")
+
+
+class Beginning(NamedTuple):
+    """What a user wants an episode to begin with; None is drawn."""
+
+    position: Array
+    """Joint position, shape (n,) [rad]."""
+    goal: Array | None
+    """See the task."""
+    human_start: Array | None
+    """The first person's root, shape (2,) [m]."""
+
+
+def checked_options(options: dict[str, Any] | None, robot: RobotModel, human: HumanMotion, task: Task) -> Beginning:
+    """The options of ``reset``.
+
+    Raises:
+        ParameterError: An option is unknown or out of range.
+    """
+    options = {} if options is None else options
+    unknown = [key for key in options if key not in _OPTIONS]
+    if unknown:
+        raise ParameterError(f"unknown reset options {unknown}; valid: {', '.join(_OPTIONS)}")
+    position = _checked_position(options.get("joint_position"), robot)
+    start, goal = options.get("human_start"), options.get("goal")
+    if start is not None:
+        start = real_array("human_start", start, (2,), "a point on the floor [m]")
+        human.check_start(start)
+    if goal is not None:
+        goal = task.check_goal(goal, robot)
+    return Beginning(position, goal, start)
+
+
+def _checked_position(position: Any, robot: RobotModel) -> Array:
+    if position is None:
+        return np.array(robot.home)
+    array = real_array("joint_position", position, (robot.n,), "a joint position [rad]")
+    low, high = robot.limits.position.T
+    if not np.all((low <= array) & (array <= high)):
+        raise ParameterError(f"joint_position has to lie inside the position limits, got {position!r}")
+    return array

@@ -1,0 +1,34 @@
+"""What the arm is to do, by name."""
+
+from jssa_gym.envs.tasks.joints import Home, Track
+from jssa_gym.envs.tasks.task import COMMON_TERMS, Moment, Progress, RewardTerm, Task
+from jssa_gym.envs.tasks.tip import Handover, Reach
+from jssa_gym.validation import known_name
+
+__all__ = [
+    "COMMON_TERMS",
+    "TASKS",
+    "Handover",
+    "Home",
+    "Moment",
+    "Progress",
+    "Reach",
+    "RewardTerm",
+    "Task",
+    "Track",
+    "make_task",
+]
+
+TASKS: dict[str, type[Task]] = {"home": Home, "reach": Reach, "track": Track, "handover": Handover}
+"""Tasks by name."""
+
+
+def make_task(task: str | Task) -> Task:
+    """A task from its name in :data:`TASKS`, or as it is.
+
+    Raises:
+        ParameterError: Unknown name.
+    """
+    if isinstance(task, Task):
+        return task
+    return TASKS[known_name("task", task, TASKS)]()

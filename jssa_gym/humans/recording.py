@@ -1,0 +1,189 @@
+"""Recorded motion of a person: what is in a file, and what a sound file is.
+
+``.npz``, no pickles: ``time`` (T,) [s], ``start`` and ``end`` (T, m, 3) [m], ``radius`` (m,) [m] and ``names`` (m,),
+strings. ``.csv``: a header, then a row a sample; the columns, in any order, are ``time`` and for every capsule
+``<name>.start.x``, ``.y``, ``.z``, ``<name>.end.x``, ``.y``, ``.z`` and ``<name>.radius``, the same in every row. The z
+axis points up from the floor; it is the robot's base axis.
+"""
+
+import csv
+import os
+import tempfile
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from jssa_gym.exceptions import RecordingError
+from jssa_gym.types import Array
+
+_FIELDS = ("time", "start", "end", "radius", "names")
+_ENDS = tuple(f"{end}.{axis}" for end in ("start", "end") for axis in "xyz")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """Capsules of one person over time.
+
+    Raises:
+        RecordingError: The arrays do not fit together, are not finite, time does not increase, a radius is not
+            positive or a name is missing or double; the message says which and where.
+    """
+
+    time: Array
+    """Of the samples, increasing, shape (T,) [s], T at least 2."""
+    start: Array
+    """Shape (T, m, 3) [m]; the first capsule's, seen from above, is the person's root."""
+    end: Array
+    """Shape (T, m, 3) [m]."""
+    radius: Array
+    """Shape (m,) [m]."""
+    names: tuple[str, ...]
+    """One a capsule: the body part."""
+
+    def __post_init__(self) -> None:
+        for name in _FIELDS[:-1]:
+            object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+        object.__setattr__(self, "names", tuple(str(name) for name in self.names))
+        count, parts = self.time.size, len(self.names)
+        shapes = {"time": (count,), "start": (count, parts, 3), "end": (count, parts, 3), "radius": (parts,)}
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise RecordingError(
+                    f"{name} has to be of shape {shape} for {count} samples of {parts} capsules, "
+                    f"got {getattr(self, name).shape}"
+                )
+        if count < 2 or parts < 1:
+            raise RecordingError(f"a recording needs two samples and a capsule at least, got {count} and {parts}")
+        late = np.flatnonzero(~(np.diff(self.time) > 0.0))
+        if len(late):
+            raise RecordingError(f"time has to increase; sample {late[0] + 1} is not after the one before it")
+        if not np.all(self.radius > 0.0):
+            raise RecordingError(f"a radius has to be positive, got {self.radius.tolist()}")
+        if len(set(self.names)) < parts or not all(self.names):
+            raise RecordingError(f"every capsule needs a name of its own, got {self.names}")
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def speed(self) -> float:
+        """Largest speed of a capsule's end between two samples [m/s]: no point of the body is faster."""
+        ends = np.stack([self.start, self.end])
+        return float((np.linalg.norm(np.diff(ends, axis=1), axis=-1) / np.diff(self.time)[:, None]).max())
+
+    @property
+    def root(self) -> Array:
+        """Where the person stands, shape (T, 2) [m]."""
+        return self.start[:, 0, :2]
+
+    def turned(self, angle: float) -> "Recording":
+        """All of it turned about the base axis, counter-clockwise from above [rad]."""
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return Recording(self.time, self.start @ turn.T, self.end @ turn.T, self.radius, self.names)
+
+    def moved(self, way: Array) -> "Recording":
+        """All of it moved along the floor, shape (2,) [m]."""
+        way = np.append(way, 0.0)
+        return Recording(self.time, self.start + way, self.end + way, self.radius, self.names)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Recording":
+        """Read an ``.npz`` or ``.csv`` file.
+
+        Raises:
+            RecordingError: There is no such file, or it is not a sound recording.
+        """
+        path = Path(path)
+        readers = {".npz": _read_npz, ".csv": _read_csv}
+        if path.suffix not in readers:
+            raise RecordingError(f"a recording is an .npz or .csv file, got {str(path)!r}")
+        if not path.is_file():
+            raise RecordingError(f"no recording at {path}")
+        try:
+            return cls(**readers[path.suffix](path))
+        except RecordingError as error:
+            raise RecordingError(f"{path.name}: {error}") from error.__cause__
+
+    def save(self, path: str | Path) -> None:
+        """Write an ``.npz`` file, to a temporary name first.
+
+        Raises:
+            RecordingError: The name does not end in ``.npz``.
+        """
+        path = Path(path)
+        if path.suffix != ".npz":
+            raise RecordingError(f"a recording is written to an .npz file, got {str(path)!r}")
+        handle, part = tempfile.mkstemp(suffix=".npz", dir=path.parent)
+        os.close(handle)
+        try:
+            values = {name: getattr(self, name) for name in _FIELDS[:-1]}
+            np.savez_compressed(part, names=np.array(self.names), **values)
+            Path(part).chmod(0o644)
+            Path(part).replace(path)
+        finally:
+            Path(part).unlink(missing_ok=True)
+
+
+def _numbers(name: str, value: object) -> Array:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise RecordingError(f"{name} has to be numbers: {error}") from error
+    if not np.all(np.isfinite(array)):
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise RecordingError(f"{name} has to be finite, it is not at index {where}")
+    return array
+
+
+def _read_npz(path: Path) -> dict[str, object]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            missing = [name for name in _FIELDS if name not in archive]
+            if missing:
+                raise RecordingError(f"misses {', '.join(missing)}; a recording has {', '.join(_FIELDS)}")
+            values: dict[str, object] = {name: archive[name] for name in _FIELDS}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        raise RecordingError(f"cannot be read, it is truncated or no .npz archive: {error}") from error
+    names = np.asarray(values["names"])
+    if names.dtype.kind != "U" or names.ndim != 1:
+        raise RecordingError(f"names has to be a list of strings, got {names.dtype} of shape {names.shape}")
+    return {**values, "names": tuple(names.tolist())}
+
+
+def _read_csv(path: Path) -> dict[str, object]:
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            header, *lines = [line for line in csv.reader(file) if line] or [[]]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise RecordingError(f"cannot be read: {error}") from error
+    header = [column.strip() for column in header]
+    names = tuple(column.removesuffix(".radius") for column in header if column.endswith(".radius"))
+    wanted = ["time", *(f"{name}.{field}" for name in names for field in (*_ENDS, "radius"))]
+    if sorted(header) != sorted(wanted) or not names:
+        odd = sorted(set(header) ^ set(wanted)) or header
+        raise RecordingError(f"columns have to be time and <name>.start.x ... <name>.radius; look at {odd[:4]}")
+    for number, line in enumerate(lines, 2):
+        if len(line) != len(header):
+            raise RecordingError(f"row {number} has {len(line)} values for {len(header)} columns")
+    try:
+        table = np.array(lines, dtype=np.float64).reshape(len(lines), len(header))
+    except ValueError as error:
+        raise RecordingError(f"holds something that is no number: {error}") from error
+    column = {name: table[:, i] for i, name in enumerate(header)}
+    ends = np.stack([column[f"{name}.{field}"] for name in names for field in _ENDS], axis=1)
+    ends = ends.reshape(len(lines), len(names), 2, 3)
+    radius = np.stack([column[f"{name}.radius"] for name in names], axis=1)
+    if not np.all(radius == radius[:1]):
+        raise RecordingError("a radius has to be the same in every row")
+    return {
+        "time": column["time"],
+        "start": ends[:, :, 0],
+        "end": ends[:, :, 1],
+        "radius": radius[0] if len(lines) else np.ones(len(names)),
+        "names": names,
+    }
