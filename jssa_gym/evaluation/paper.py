@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jssa_gym.evaluation.metrics import summarise
-from jssa_gym.humans import HumanMotion, Steered
+from jssa_gym.humans import Body, HumanMotion, Recorded, Recording
+from jssa_gym.humans.body import NAMES
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Trace
 
@@ -96,15 +98,33 @@ TABLE1: Mapping[tuple[float, float], Measures] = {
 STEPS = 750
 """Length of the episodes: 6 s. The paper's last trigger is at 5.024 s."""
 
-_PERIOD, _ACCELERATION = 0.4, 4.0
-_START = (1.8, 1.2)
-_SHARES = ((0.0, 0.0),) * 12
+_WALK = (
+    (0.0, 1.43, 0.948),
+    (6.0, 1.449, -0.07),
+)
+"""Time [s] and place on the floor [m] of the person who stands in for the paper's."""
+
+
+def walk(table: ArrayLike) -> HumanMotion:
+    """Somebody who faces the arm and walks straight and at constant velocity from each place of a table to the next.
+
+    Args:
+        table: Rows of time [s], x and y [m], shape (k, 3).
+
+    Raises:
+        RecordingError: The rows are no such table.
+        ParameterError: A place is within the clearance of the base axis.
+    """
+    time, *root = np.array(table, float).T
+    body, place = Body.facing(), np.stack([*root, np.zeros_like(time)], axis=-1)[:, None]
+    recording = Recording(time, body.start + place, body.end + place, body.radius, NAMES)
+    return Recorded(recording, turn=(0.0, 0.0), offset=((0.0, 0.0), (0.0, 0.0)))
 
 
 def stand_in() -> HumanMotion:
     """The person in place of the paper's, whose trajectory is not published.
 
-    Constant accelerations for 0.4 s each, found by ``benchmarks/stand_in.py`` (seed 0), which asks for the numbers of
-    Fig. 6 with the filter as published; Fig. 8 and Table 1 play no part in it.
+    Found by ``benchmarks/stand_in.py`` (seed 0), which asks for the numbers of Fig. 6 with the filter as published.
+    Fig. 8 and Table 1 play no part in it: what they say of this person was not chosen.
     """
-    return Steered(_SHARES, speed=1.6, acceleration=_ACCELERATION, period=_PERIOD, start=_START)
+    return walk(_WALK)

@@ -13,7 +13,6 @@ from jssa_gym.humans.recorded import Recorded
 from jssa_gym.humans.recording import Recording
 from jssa_gym.humans.steered import Steered
 from jssa_gym.humans.walks import ApproachRetreat, ConstantVelocity, WalkBy
-from jssa_gym.humans.waypoints import Waypoints
 from jssa_gym.validation import known_name
 
 HUMANS: dict[str, Callable[[], HumanMotion]] = {
@@ -47,7 +46,6 @@ __all__ = [
     "Steered",
     "Walk",
     "WalkBy",
-    "Waypoints",
     "make_human",
     "nobody",
     "together",
