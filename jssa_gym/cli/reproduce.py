@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import tyro
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
@@ -156,7 +157,7 @@ def _show(name: str, result: Result) -> None:
     if result.measured:
         table = Table("", title=name)
         for title, unit in COLUMNS.values():
-            table.add_column(f"{title} [{unit}]", justify="right")
+            table.add_column(escape(f"{title} [{unit}]"), justify="right")
         for source, measures in result.measured.items():
             cells = ("–" if value is None else f"{value:.3f}" for value in dataclasses.astuple(measures))
             table.add_row(source, *cells, end_section=source.endswith(tuple(SHIELDS)[-1]))

@@ -19,6 +19,9 @@ PAPER = "paper"
 _AT_BOUND = 0.999
 """Share of a jerk bound from which a joint counts as saturated."""
 
+_TELLING = 0.01
+"""Share of a number by which another has to differ to count as larger or smaller."""
+
 _AT_HOME = 5.0
 """Farthest that a joint may be from home for the arm to have returned [°]."""
 
@@ -193,7 +196,7 @@ def comparison_claims(ssa: Trace, jssa: Mapping[str, Trace], limits: JointLimits
             text,
             "Fig. 8",
             {
-                name: Verdict(sign * (one - other) > 0.0, f"{one:.3g} against {other:.3g}{unit}")
+                name: Verdict(sign * (one - other) > _TELLING * abs(other), f"{one:.3g} against {other:.3g}{unit}")
                 for name, other in others.items()
             },
         )
@@ -231,7 +234,7 @@ def sensitivity_claims(tables: Mapping[str, Grid]) -> list[Claim]:
     """What section 4.2 says about Table 1, for the paper's own numbers and for others.
 
     A trend is judged along each line of the table, from its smallest to its largest λ. It holds if it is seen in one
-    line at least and no line goes the other way.
+    line at least and no line goes the other way; a time counts as changed from one step on, the rest from 1 % on.
 
     Args:
         tables: By shield, the published one first.
@@ -253,7 +256,8 @@ def _trend(table: Grid, axis: int, measure: str, sign: int) -> Verdict:
             for value in (values[0], values[-1])
         )
         change = 0.0 if low is None or high is None else sign * (high - low)
-        along, against = along + (change > 1e-9), against + (change < -1e-9)
+        least = 1e-9 if measure.endswith("trigger") else _TELLING * abs(low or 0.0)
+        along, against = along + (change > least), against + (change < -least)
     return Verdict(
         along > 0 and against == 0, f"{along} of {len(others)}" + (f", {against} against" if against else "")
     )

@@ -8,6 +8,7 @@ import gymnasium as gym
 from jssa_gym.evaluation import paper
 from jssa_gym.evaluation.paper import Measures, measures
 from jssa_gym.evaluation.rollout import rollout
+from jssa_gym.humans import HumanMotion
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.robots import JointLimits
 from jssa_gym.shields import JSSAShield, Shield, make_filter
@@ -26,15 +27,19 @@ SHIELDS: Mapping[str, Callable[[gym.Env, float, float], gym.Env]] = {
 """The published algorithm; the same with nothing but its row corrected; all layers. Built for λ₁ and λ₂."""
 
 
-def play(wrap: Callable[[gym.Env], gym.Env], name: str, steps: int = paper.STEPS) -> tuple[Trace, JointLimits]:
-    """One episode of the paper's simulation: the arm holds its home position, the stand-in person walks up to it.
+def play(
+    wrap: Callable[[gym.Env], gym.Env], name: str, steps: int = paper.STEPS, human: HumanMotion | None = None
+) -> tuple[Trace, JointLimits]:
+    """One episode of the paper's simulation: the arm holds its home position, a person walks up to it.
 
     Args:
         wrap: Puts a shield around the environment.
         name: Of the trace.
         steps: Length.
+        human: The person; None for :func:`~jssa_gym.evaluation.paper.stand_in`.
     """
-    env = wrap(gym.make("jssa_gym/Home-v0", human=paper.stand_in(), terminate_on=(), max_episode_steps=steps))
+    human = paper.stand_in() if human is None else human
+    env = wrap(gym.make("jssa_gym/Home-v0", human=human, terminate_on=(), max_episode_steps=steps))
     base: Any = env.unwrapped
     trace = rollout(env, HoldPolicy(env), seed=0, steps=steps, name=name)
     env.close()

@@ -36,7 +36,8 @@ def sensitivity(
     for column, (title, table) in zip(axes.T, tables.items(), strict=True):
         column[0].set_title(title)
         for panel, values in zip(column, np.moveaxis(table, -1, 0), strict=True):
-            low, high = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
+            known = values[np.isfinite(values)]
+            low, high = (known.min(), known.max()) if known.size else (0.0, 0.0)
             # equal values are to look equal, not like the bottom of a range
             middle, half = (low + high) / 2.0, max((high - low) / 2.0, 1e-9)
             panel.imshow(values, cmap="Blues", vmin=middle - 1.4 * half, vmax=middle + 1.8 * half, aspect="auto")
