@@ -18,7 +18,7 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import Projection
 from jssa_gym.safety.proximity import measure
-from jssa_gym.shields import JSSAFilter, JSSAShield, NoFilter, SafetyFilter, Shield
+from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, NoFilter, SafetyFilter, Shield, make_filter
 from jssa_gym.types import CapsuleSet, Decision, JointState, Planes, Status
 
 DT = 0.008
@@ -119,7 +119,13 @@ def jssa(robot, params=PARAMS, **options) -> SafetyFilter:
     return JSSAFilter(robot, DT, viability=True, failsafe=params, **options)
 
 
-KINDS = {"none": plain, "jssa": jssa}
+def named(name):
+    return lambda robot, params=PARAMS: make_filter(name, robot, DT, viability=True, failsafe=params)
+
+
+KINDS = {"none": plain, "jssa": jssa, **{name: named(name) for name in FILTERS if name not in ("none", "jssa")}}
+DRIVEN = {name: build for name, build in KINDS.items() if name != "ssm"}
+"""Filters that go on where the verified stop has to overrule them; "ssm" stops by itself before."""
 
 
 def nominals(kind, robot, rng):
@@ -209,10 +215,11 @@ def test_limits_stops_and_touches_whatever_anybody_does(robot, make_scene, kind,
                     assert not violates(state, jerk, arm.bounds, 1e-9)
                 assert np.abs(state[1:]).max() < 1e-9
                 assert arm.left * DT < LONGEST
-    assert Status.FAILSAFE in seen
-    assert Status.PROJECTED in seen or (kind == "none" and policy != "random")
     assert touched
-    assert halved
+    if kind in DRIVEN:
+        assert Status.FAILSAFE in seen
+        assert halved
+    assert seen & {Status.PROJECTED, Status.RELAXED} or (kind in ("none", "stop") and policy != "random")
 
 
 @pytest.mark.parametrize("policy", ["random", "bang-bang", "limit-seeking"])
@@ -251,7 +258,7 @@ def test_without_the_verified_stop_the_same_people_are_hit(robot, make_scene):
     assert hit > 0.2
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("seed", range(4))
 def test_what_is_rejected_for_good_rests_within_the_stop_and_stays(robot, make_scene, kind, seed):
     arm = Arm(KINDS[kind](robot), make_scene).get_going(0.15 + 0.05 * seed, seed=seed)
@@ -274,7 +281,7 @@ def test_what_is_rejected_for_good_rests_within_the_stop_and_stays(robot, make_s
                 np.testing.assert_array_equal(decision.jerk, np.zeros(6))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DRIVEN)
 def test_who_touches_a_resting_arm_holds_it_until_gone(robot, make_scene, kind):
     arm = Arm(KINDS[kind](robot), make_scene, human=ball(TIP, 0.1))
     near = measure(robot, JointState(*arm.state), arm.human, Planes(np.zeros((0, 3)), np.zeros(0), ()))
@@ -506,7 +513,7 @@ def test_an_osqp_that_answers_garbage_hurts_nobody(robot, make_scene, how, caplo
     assert used > 50
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("missed", [1, 2, 5, 15, 500])
 def test_missed_ticks_on_the_stored_stop_are_no_deviation(robot, make_scene, kind, missed):
     """While no decision was made the arm went on with its stop; it goes on from there, still verified."""
@@ -522,7 +529,7 @@ def test_missed_ticks_on_the_stored_stop_are_no_deviation(robot, make_scene, kin
     np.testing.assert_array_equal(decision.jerk, jerk)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("how", ["last jerk held", "zero jerk", "teleported", "a little"])
 def test_an_arm_that_is_elsewhere_is_stopped_from_where_it_is(robot, make_scene, kind, how):
     arm = Arm(KINDS[kind](robot), make_scene).get_going(share=0.3)
@@ -631,7 +638,7 @@ def test_a_frozen_and_a_jumping_person_are_faults_in_the_end(robot, make_scene):
     assert "jumped" in reasons[-1].reason
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("seed", range(5))
 def test_a_person_spawned_inside_a_moving_arm_finds_it_at_rest_soon(robot, make_scene, kind, seed):
     """Beyond the assumptions, and still: the stop as it was stored, no limit exceeded, rest at its end."""

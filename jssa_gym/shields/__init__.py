@@ -6,7 +6,16 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.shields.energy import SSAFilter, SSAParams
+from jssa_gym.shields.closed_form import (
+    PFMFilter,
+    PFMParams,
+    SMAFilter,
+    SMAParams,
+    SSMFilter,
+    SSMParams,
+    StopFilter,
+)
+from jssa_gym.shields.energy import CBFFilter, CBFParams, SSAFilter, SSAParams, SSSFilter, SSSParams
 from jssa_gym.shields.filter import NoFilter, SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.shield import JSSAShield, Shield
@@ -15,13 +24,24 @@ from jssa_gym.validation import known_name
 __all__ = [
     "FILTERS",
     "Build",
+    "CBFFilter",
+    "CBFParams",
     "JSSAFilter",
     "JSSAShield",
     "NoFilter",
+    "PFMFilter",
+    "PFMParams",
+    "SMAFilter",
+    "SMAParams",
     "SSAFilter",
     "SSAParams",
+    "SSMFilter",
+    "SSMParams",
+    "SSSFilter",
+    "SSSParams",
     "SafetyFilter",
     "Shield",
+    "StopFilter",
     "make_filter",
 ]
 
@@ -56,6 +76,12 @@ FILTERS: dict[str, Build] = {
     "jssa": JSSAFilter,
     "jssa_published": _jssa_published,
     "ssa": SSAFilter,
+    "sss": SSSFilter,
+    "cbf": CBFFilter,
+    "pfm": PFMFilter,
+    "sma": SMAFilter,
+    "ssm": SSMFilter,
+    "stop": StopFilter,
     "none": NoFilter,
 }
 """Filters by name, built for a robot and a time step."""

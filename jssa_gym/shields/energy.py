@@ -1,17 +1,14 @@
 """Filters that keep an energy function from growing: SSA, SSS and CBF."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from jssa_gym.kernels.projection import violation
-from jssa_gym.shields.pairs import PairFilter
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.shields.pairs import ROWS, PairFilter, Rows
 from jssa_gym.types import Array, Decision, HalfSpaces, Status
 from jssa_gym.validation import known_name, positive_number
-
-ROWS = ("closest", "all")
-Rows = Literal["closest", "all"]
 
 _UNBOUNDED = 1e6
 """Acceleration bound of a method that knows none [rad/s²]."""
@@ -35,7 +32,7 @@ class SSAParams:
     eta: float = 1.0
     """Rate at which an index above 0 has to fall [m²/s]."""
     rows: Rows = "closest"
-    """The closest pair, as in the paper, or ``"all"``."""
+    """Whether the closest pair makes a row, as in the paper, or all pairs do."""
 
     def __post_init__(self) -> None:
         for name in ("d_min", "lambda1", "eta"):
@@ -80,3 +77,114 @@ class SSAFilter(PairFilter):
         if left > _TOLERANCE:
             status, reason = Status.RELAXED, "the jerk bounds cut off the safe acceleration"
         return self._decided(jerk, nominal, status, reason, phi, left, count)
+
+
+@dataclass(frozen=True, slots=True)
+class SSSParams:
+    """Parameters of :class:`SSSFilter`.
+
+    Raises:
+        ParameterError: A number is not positive and finite, ``rows`` unknown, or the index is none: see
+            :class:`~jssa_gym.safety.index.IndexParams`.
+    """
+
+    d_min: float = 0.05
+    """[m]."""
+    lambda1: float = 2.0
+    """[m·s]."""
+    lambda2: float = 0.25
+    """[m·s²]."""
+    c: float = 2.0
+    """Rate at which an index above 0 has to decay [1/s]."""
+    rows: Rows = "all"
+    """Whether the closest pair makes a row, or all pairs do."""
+
+    def __post_init__(self) -> None:
+        IndexParams(d_min=self.d_min, lambda1=self.lambda1, lambda2=self.lambda2)
+        for name in ("d_min", "lambda1", "lambda2", "c"):
+            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        known_name("rows", self.rows, ROWS)
+
+
+class SSSFilter(PairFilter):
+    r"""The sublevel safe set algorithm on jerks: :math:`\dot\phi \le -c\phi` where :math:`\phi \ge 0`.
+
+    The index is Eq. (6), of which the jerk enters the rate. Below 0 nothing is asked for, which is all that makes it
+    differ from a control barrier function :math:`-\phi`. The slack is that of :math:`\phi` over this step [m²].
+
+    Wei, Liu: *Safe control algorithms using energy functions: a unified framework, benchmark, and new directions*,
+    IEEE CDC 2019.
+    """
+
+    params_type = SSSParams
+    params: SSSParams
+
+    def _coefficients(self) -> tuple[float, float, float]:
+        return self.params.d_min, self.params.lambda1, self.params.lambda2
+
+    def _respond(self, nominal: Array, inside: bool) -> Decision:
+        watched = self._watched(self.params.rows)
+        phi = self._phi[watched]
+        active, above = watched[phi >= 0.0], phi[phi >= 0.0]
+        L = self.dt * self.params.lambda2 * self._rows[active]
+        S = self.dt * (self.params.c * above + self._rate(active))
+        return self._projected(nominal, inside, L, S, phi.max(initial=-np.inf))
+
+
+@dataclass(frozen=True, slots=True)
+class CBFParams:
+    """Parameters of :class:`CBFFilter`.
+
+    Raises:
+        ParameterError: A number is not positive and finite, or ``rows`` unknown.
+    """
+
+    d_min: float = 0.05
+    """[m]."""
+    k1: float = 2.0
+    """Gain of the distance's approach to ``d_min`` [1/s]."""
+    k2: float = 4.0
+    """Gain of the second function [1/s]."""
+    k3: float = 10.0
+    """Gain of the third function [1/s]."""
+    rows: Rows = "all"
+    """Whether the closest pair makes a row, or all pairs do."""
+
+    def __post_init__(self) -> None:
+        for name in ("d_min", "k1", "k2", "k3"):
+            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        known_name("rows", self.rows, ROWS)
+
+
+class CBFFilter(PairFilter):
+    r"""A high-order control barrier function of relative degree three, :math:`h = D - d_{min}`, for every pair.
+
+    With :math:`\psi_0 = h` and :math:`\psi_i = \dot\psi_{i-1} + k_i\psi_{i-1}` the jerk has to keep
+    :math:`\psi_3 \ge 0`, which is
+
+    .. math:: \dddot D + (k_1 + k_2 + k_3)\ddot D + (k_1k_2 + k_1k_3 + k_2k_3)\dot D + k_1k_2k_3 (D - d_{min}) \ge 0.
+
+    With these linear gains it is an exponential control barrier function with poles at :math:`-k_i`. The slack is
+    that of :math:`\psi_3` [m/s³]; the index that is reported is :math:`d_{min}^2 - D|D|`, above 0 where h is below.
+
+    Xiao, Belta: *Control barrier functions for systems with high relative degree*, IEEE CDC 2019; Nguyen, Sreenath:
+    *Exponential control barrier functions for enforcing high relative-degree safety-critical constraints*, ACC 2016.
+    """
+
+    params_type = CBFParams
+    params: CBFParams
+
+    def _coefficients(self) -> tuple[float, float, float]:
+        return self.params.d_min, 0.0, 0.0
+
+    def _respond(self, nominal: Array, inside: bool) -> Decision:
+        watched, p = self._watched(self.params.rows), self.params
+        D, rate, curvature, drift = self._motion[watched].T
+        L = self._rows[watched]
+        S = -(
+            drift
+            + (p.k1 + p.k2 + p.k3) * curvature
+            + (p.k1 * p.k2 + p.k1 * p.k3 + p.k2 * p.k3) * rate
+            + p.k1 * p.k2 * p.k3 * (D - p.d_min)
+        )
+        return self._projected(nominal, inside, L, S, self._phi.max())

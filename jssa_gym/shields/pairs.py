@@ -1,7 +1,7 @@
 """What filters share that decide from the distances of all pairs as they are now."""
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,10 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.projectors import ExactProjector
 from jssa_gym.shields.filter import OUTSIDE, SafetyFilter
 from jssa_gym.types import Array, Decision, HalfSpaces, Scene, Status
+
+Rows = Literal["closest", "all"]
+"""Which pairs a filter answers."""
+ROWS = ("closest", "all")
 
 _AUTHORITY = 5.0
 """Pairs that the jerk bounds move by less than this normal jerk [m/s³] make no rows, as in JSSAFilter."""
@@ -84,7 +88,7 @@ class PairFilter(SafetyFilter):
     def _respond(self, nominal: Array, inside: bool) -> Decision:
         """Decide with somebody there; ``self._state`` and ``self._clipped`` as in :meth:`_filter`."""
 
-    def _watched(self, rows: str) -> NDArray[np.intp]:
+    def _watched(self, rows: Rows) -> NDArray[np.intp]:
         """Numbers of the pairs that make rows: the closest, or all that the jerk bounds move noticeably."""
         if rows == "closest":
             return np.array([self._closest])
