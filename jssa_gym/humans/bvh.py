@@ -1,9 +1,9 @@
 """From a BVH motion capture file to the six capsules.
 
-``convert("walk.bvh", scale=0.01).save("walk.npz")`` makes what :class:`~jssa_gym.humans.Recorded` plays. A BVH file is a
-tree of joints with offsets and Euler angles (``HIERARCHY``) and a row of numbers a frame (``MOTION``): with a joint's
-channels in their order, its frame in its parent's is the translation by offset and position channels, then the rotations
-one after the other about the axes they have turned already.
+``convert("walk.bvh", scale=0.01).save("walk.npz")`` makes what :class:`~jssa_gym.humans.Recorded` plays. A BVH file is
+a tree of joints with offsets and Euler angles (``HIERARCHY``) and a row of numbers a frame (``MOTION``). The frame of a
+joint in its parent's is the translation by offset and position channels, then the rotations in the order of its
+channels, each about an axis that the ones before have turned.
 
 An arm becomes one straight capsule from shoulder to hand, a leg one from hip to ankle: that is the paper's body, and an
 elbow or a knee that is bent leaves it.
@@ -31,8 +31,8 @@ JOINTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "right_leg": (("RightUpLeg", "RightHip", "RightThigh"), ("RightFoot", "RightAnkle")),
     "left_leg": (("LeftUpLeg", "LeftHip", "LeftThigh"), ("LeftFoot", "LeftAnkle")),
 }
-"""The joints that a capsule starts and ends at, by the names that they have in common skeletons; the first that is there
-counts. Case does not matter, nor what stands before a colon (``mixamorig:Head``)."""
+"""The joints that a capsule starts and ends at, by the names that they have in common skeletons; the first that is
+there counts. Case does not matter, nor what stands before a colon (``mixamorig:Head``)."""
 
 _UP = {"y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), "z": np.eye(3)}
 """Turns the file's upward axis to z."""
@@ -111,7 +111,10 @@ def parse(text: str) -> Skeleton:
     reader = _Reader(lines)
     reader.expect("HIERARCHY")
     tree = _Tree([], [], [], [])
-    _read_joint(reader, reader.expect("ROOT", 1), -1, tree)
+    try:
+        _read_joint(reader, reader.expect("ROOT", 1), -1, tree)
+    except RecursionError:
+        raise RecordingError(f"line {reader.number}: joints stand inside each other too deep") from None
     reader.expect("MOTION")
     count, frame_time = reader.expect("Frames:", 1), reader.expect("Frame", 2)
     frames = _numbers(reader, [count[0]])[0]
@@ -236,7 +239,7 @@ def convert(
     if len(skeleton.frames) < 2:
         raise RecordingError("a motion needs two frames at least, this skeleton has one")
     places = skeleton.positions() @ turn.T
-    time = np.arange(len(places)) * skeleton.frame_time
+    time = np.array([k * skeleton.frame_time for k in range(len(places))])
     names, radius = tuple(JOINTS), np.array([radius for _, _, _, radius in PARTS])
     first, last = ([end[k] for end in ends] for k in (0, 1))
     recording = Recording(time, places[:, first], places[:, last], radius, names)

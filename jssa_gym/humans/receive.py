@@ -20,7 +20,7 @@ class Receive(HumanMotion):
     between. It does not look at the arm. Places are drawn in front of the body: forwards, to its right, and up.
 
     Args:
-        front: Range of the root's x [m]; the defaults put the hand where the arm reaches a point 0.26 m before it.
+        front: Range of the root's x [m]; the defaults put the hand where the arm reaches a point 0.27 m before it.
         side: Range of the root's y [m].
         forward: Range of how far in front of the body the hand is held out [m].
         aside: Range of how far to the right of the body's middle [m].

@@ -7,11 +7,14 @@ axis points up from the floor; it is the robot's base axis.
 """
 
 import csv
+import io
 import os
 import tempfile
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +22,21 @@ from jssa_gym.exceptions import RecordingError
 from jssa_gym.types import Array
 
 _FIELDS = ("time", "start", "end", "radius", "names")
+_LARGEST = 2**30
+"""Bytes that no file unpacks to."""
+
+_MALFORMED = (
+    ValueError,
+    KeyError,
+    OSError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What numpy and zipfile raise for archives that are not whole."""
+
 _ENDS = tuple(f"{end}.{axis}" for end in ("start", "end") for axis in "xyz")
 
 
@@ -129,7 +147,7 @@ class Recording:
             Path(part).unlink(missing_ok=True)
 
 
-def _numbers(name: str, value: object) -> Array:
+def _numbers(name: str, value: Any) -> Array:
     try:
         array = np.array(value, dtype=np.float64)
     except (ValueError, TypeError) as error:
@@ -140,22 +158,29 @@ def _numbers(name: str, value: object) -> Array:
     return array
 
 
-def _read_npz(path: Path) -> dict[str, object]:
+def _read_npz(path: Path) -> dict[str, Any]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        content = io.BytesIO(path.read_bytes())
+        with zipfile.ZipFile(content) as archive:
+            unpacked = sum(member.file_size for member in archive.infolist())
+        if unpacked > _LARGEST:
+            raise ValueError(f"it unpacks to {unpacked} bytes, more than {_LARGEST}")
+        with np.load(content, allow_pickle=False) as archive:
             missing = [name for name in _FIELDS if name not in archive]
             if missing:
                 raise RecordingError(f"misses {', '.join(missing)}; a recording has {', '.join(_FIELDS)}")
-            values: dict[str, object] = {name: archive[name] for name in _FIELDS}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-        raise RecordingError(f"cannot be read, it is truncated or no .npz archive: {error}") from error
+            values: dict[str, Any] = {name: archive[name] for name in _FIELDS}
+    except RecordingError:
+        raise
+    except _MALFORMED as error:
+        raise RecordingError(f"is no complete .npz archive of arrays: {error}") from error
     names = np.asarray(values["names"])
     if names.dtype.kind != "U" or names.ndim != 1:
         raise RecordingError(f"names has to be a list of strings, got {names.dtype} of shape {names.shape}")
     return {**values, "names": tuple(names.tolist())}
 
 
-def _read_csv(path: Path) -> dict[str, object]:
+def _read_csv(path: Path) -> dict[str, Any]:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             header, *lines = [line for line in csv.reader(file) if line] or [[]]

@@ -141,10 +141,12 @@ class Track(Task):
         raise ParameterError(f"found no waypoint for {robot.name} that is clear of table and arm")
 
     def check_goal(self, goal: ArrayLike, robot: RobotModel) -> Array:
-        shape, what = np.shape(goal), f"waypoints (K, {robot.n}), K at least 1 [rad]"
-        if len(shape) != 2 or shape[0] < 1:
-            raise ParameterError(f"goal has to be {what}, got {goal!r}")
-        waypoints = real_array("goal", goal, (shape[0], robot.n), what)
+        try:  # how many they are is up to the user
+            count = len(np.asarray(goal, dtype=np.float64))
+        except (ValueError, TypeError):
+            count = 0
+        shape = (max(count, 1), robot.n)
+        waypoints = real_array("goal", goal, shape, f"waypoints (K, {robot.n}) [rad], K at least 1")
         low, high = robot.limits.position.T
         if not np.all((low <= waypoints) & (waypoints <= high)):
             raise ParameterError(f"the waypoints of goal have to lie inside the position limits, got {goal!r}")

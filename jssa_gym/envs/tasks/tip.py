@@ -96,7 +96,7 @@ class Handover(TipTask):
     name: ClassVar[str] = "handover"
     human: ClassVar[str] = "receive"
     text: ClassVar[str] = (
-        "Bring the tool centre point to a person's right hand, which moves: within 0.03 m of a point 0.26 m from the "
+        "Bring the tool centre point to a person's right hand, which moves: within 0.03 m of a point 0.27 m from the "
         "hand on the robot's side, slower than 0.05 m/s, for 0.1 s."
     )
     terms: ClassVar[tuple[RewardTerm, ...]] = (
@@ -104,8 +104,9 @@ class Handover(TipTask):
         RewardTerm("success", 10.0, "1 on success, else 0"),
     )
     evolves: ClassVar[bool] = True
-    offset: float = 0.26
-    """Distance of the goal from the hand [m]: 0.10 m of the hand's capsule, 0.06 m of the tool's, 0.10 m between."""
+    offset: float = 0.27
+    """Distance of the goal from the hand [m]: 0.10 m of the arm's capsule, 0.06 m of the tool's, and 0.10 m between
+    the two, beside a forearm that slopes as well."""
     tolerance: float = 0.03
 
     def features(self, robot: RobotModel) -> tuple[Feature, ...]:
