@@ -13,12 +13,13 @@ from gymnasium.envs.registration import WrapperSpec
 from jssa_gym.exceptions import JSSAGymError
 
 if TYPE_CHECKING:
+    from jssa_gym.control import JPCAction
     from jssa_gym.envs.arm import ArmEnv
     from jssa_gym.envs.faults import FAULTS, SensorFaults
     from jssa_gym.envs.repeat import ActionRepeat
     from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.humans import HUMANS, HumanMotion
-    from jssa_gym.policies import HoldPolicy, RandomPolicy
+    from jssa_gym.policies import HoldPolicy, JPCPolicy, RandomPolicy
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
     from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
@@ -39,6 +40,8 @@ _HOMES = {
     "HoldPolicy": "jssa_gym.policies",
     "HumanMotion": "jssa_gym.humans",
     "IndexParams": "jssa_gym.safety.index",
+    "JPCAction": "jssa_gym.control",
+    "JPCPolicy": "jssa_gym.policies",
     "JSSAShield": "jssa_gym.shields",
     "JointLimits": "jssa_gym.robots",
     "JointState": "jssa_gym.types",
@@ -67,6 +70,8 @@ __all__ = [
     "HoldPolicy",
     "HumanMotion",
     "IndexParams",
+    "JPCAction",
+    "JPCPolicy",
     "JSSAGymError",
     "JSSAShield",
     "JointLimits",

@@ -25,6 +25,23 @@ class InterfaceError(JSSAGymError, TypeError):
     """An environment does not offer what a shield needs: ``robot``, ``dt`` and ``scene``."""
 
 
+class InfeasibleError(JSSAGymError, ValueError):
+    """No motion within the limits does what was asked for; :attr:`shortest` says in which time one would.
+
+    Args:
+        message: What was wrong and what would be right.
+        shortest: Shortest time between waypoints for which there is one [s]; None if there is none.
+    """
+
+    def __init__(self, message: str, shortest: float | None = None) -> None:
+        super().__init__(message)
+        self.shortest = shortest
+
+
+class UnreachableError(JSSAGymError, ValueError):
+    """No posture within the joint limits, clear of table and arm, brings the tool to a point."""
+
+
 class DisplayError(JSSAGymError, RuntimeError):
     """Nothing to draw on: no display for a window, or no OpenGL backend for pictures."""
 

@@ -1,5 +1,20 @@
 """Nominal controllers: what a joint should do when nobody is near."""
 
 from jssa_gym.control.cascade import Cascade
+from jssa_gym.control.commands import JPCAction
+from jssa_gym.control.jpc import JPC, Event, Phase
+from jssa_gym.control.moves import plan_approach, plan_brake, plan_move
+from jssa_gym.control.plan import Plan, plan_waypoints
 
-__all__ = ["Cascade"]
+__all__ = [
+    "JPC",
+    "Cascade",
+    "Event",
+    "JPCAction",
+    "Phase",
+    "Plan",
+    "plan_approach",
+    "plan_brake",
+    "plan_move",
+    "plan_waypoints",
+]

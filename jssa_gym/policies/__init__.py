@@ -11,6 +11,7 @@ from jssa_gym.policies.adversarial import (
     LimitSeekingPolicy,
     SteeredPolicy,
 )
+from jssa_gym.policies.jpc import JPCPolicy
 from jssa_gym.policies.scripted import HoldPolicy, Policy, RandomPolicy, WanderPolicy
 
 
@@ -26,6 +27,7 @@ POLICIES: dict[str, Callable[[gym.Env, int | None], Policy]] = {
     "constant": ConstantPolicy,
     "limit_seeking": LimitSeekingPolicy,
     "chase": ChasePolicy,
+    "jpc": JPCPolicy,
 }
 """Policies by name: called with the environment and a seed."""
 
@@ -35,6 +37,7 @@ __all__ = [
     "ChasePolicy",
     "ConstantPolicy",
     "HoldPolicy",
+    "JPCPolicy",
     "LimitSeekingPolicy",
     "Policy",
     "RandomPolicy",

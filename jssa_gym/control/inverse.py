@@ -1,0 +1,129 @@
+"""Postures that bring the tool to a point."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jssa_gym.exceptions import UnreachableError
+from jssa_gym.humans import nobody
+from jssa_gym.kernels.chain import forward, jacobian, tool_motion
+from jssa_gym.kernels.records import FRAME, records
+from jssa_gym.robots import RobotModel
+from jssa_gym.safety.proximity import measure
+from jssa_gym.types import Array, JointState, Planes
+from jssa_gym.validation import real_array
+
+PRECISION = 1e-5
+"""Distance of the tool centre point from its target that counts as reached [m]."""
+
+_DAMPING = 0.03
+"""Of the inverse [m]; the last steps go without."""
+
+_STEPS = 60
+_STRIDE = 0.3
+"""No joint moves further in one step [rad]."""
+
+_PULL = 0.1
+"""Share of the way back to the present posture that every step takes where it does not move the tool."""
+
+
+def tip_of(robot: RobotModel, posture: ArrayLike) -> Array:
+    """Tool centre point of a posture (n,) [rad] in the world, shape (3,) [m]."""
+    return _tip_and_jacobian(robot, np.asarray(posture, float))[0]
+
+
+def _tip_and_jacobian(robot: RobotModel, posture: Array) -> tuple[Array, Array]:
+    zero, frames = np.zeros(robot.n), records(robot.n, FRAME)
+    tip, J = np.zeros((2, 3)), np.zeros((3, robot.n))
+    forward(robot.links, np.array([posture, zero, zero]), frames)
+    tool_motion(frames, robot.tool_link, robot.tool_offset, tip)
+    jacobian(frames, robot.tool_link, tip[0], J)
+    return tip[0], J
+
+
+def descend(robot: RobotModel, point: Array, seed: Array, near: Array, margin: float = 0.0) -> Array | None:
+    r"""One posture by damped least squares from a seed, or None.
+
+    .. math:: \Delta q = J^\top (J J^\top + \mu^2 I)^{-1} e + (I - J^+ J)\, k\, (q_{near} - q)
+
+    Args:
+        robot: The arm, where it stands.
+        point: Of the tool, shape (3,) [m].
+        seed: Posture to begin with, shape (n,) [rad].
+        near: Posture to stay close to, shape (n,) [rad].
+        margin: From the position limits [rad].
+    """
+    low, high = robot.limits.position[:, 0] + margin, robot.limits.position[:, 1] - margin
+    q = np.clip(seed, low, high)
+    for _ in range(_STEPS):
+        tip, J = _tip_and_jacobian(robot, q)
+        gap = point - tip
+        far = float(np.linalg.norm(gap))
+        if far <= PRECISION:
+            return q
+        damping = min(_DAMPING, far)
+        inverse = J.T @ np.linalg.inv(J @ J.T + (damping**2 + 1e-9) * np.eye(3))
+        home = _PULL * (near - q) * min(1.0, far / 0.1)  # fades, so that it ends
+        step = inverse @ gap + home - inverse @ (J @ home)
+        step *= min(1.0, _STRIDE / max(np.abs(step).max(), 1e-12))
+        q = np.clip(q + step, low, high)
+    return None
+
+
+def clearance(robot: RobotModel, posture: Array, planes: Planes) -> float:
+    """Smallest distance of a posture to the half-spaces and of the arm to itself [m]."""
+    zero = np.zeros(robot.n)
+    near = measure(robot, JointState(posture, zero, zero), nobody(), planes)
+    return float(min(near.own.min(initial=np.inf), near.planes.min(initial=np.inf)))
+
+
+def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, clear: float) -> bool:
+    """Whether the straight way in joint space stays clear, or comes no closer than it starts; looked at every 0.02 rad."""
+    count = max(2, int(np.ceil(np.abs(goal - start).max() / 0.02)) + 1)
+    least = min(clear, clearance(robot, start, planes))
+    return all(
+        clearance(robot, start + share * (goal - start), planes) >= least for share in np.linspace(1.0, 0.0, count)[:-1]
+    )
+
+
+def postures_for(
+    robot: RobotModel,
+    point: ArrayLike,
+    planes: Planes,
+    near: Array,
+    rng: np.random.Generator,
+    *,
+    restarts: int = 8,
+    clear: float = 0.01,
+) -> list[Array]:
+    """Postures that bring the tool centre point to a point, any orientation, the nearest to a posture first.
+
+    Args:
+        robot: The arm, where it stands.
+        point: In the world, shape (3,) [m].
+        planes: Half-spaces to keep clear of.
+        near: The present posture, shape (n,) [rad]; the slowest joint's time decides what is nearest.
+        rng: Draws the seeds of the restarts.
+        restarts: How many further seeds are tried, half around the present posture, half anywhere.
+        clear: Distance to half-spaces and of the arm to itself [m].
+
+    Raises:
+        UnreachableError: None was found.
+    """
+    target = real_array("point", point, (3,), "a point in world coordinates [m]")
+    low, high = robot.limits.position.T
+    seeds = [near]
+    for k in range(restarts):
+        anywhere = rng.uniform(low, high)
+        seeds.append(near + 0.3 * (anywhere - near) if k % 2 == 0 else anywhere)
+    found: list[Array] = []
+    for seed in seeds:
+        posture = descend(robot, target, seed, near, margin=1e-3)
+        if posture is None or any(np.abs(posture - other).max() < 1e-2 for other in found):
+            continue
+        if clearance(robot, posture, planes) >= clear:
+            found.append(posture)
+    if not found:
+        raise UnreachableError(
+            f"no posture of {robot.name} brings the tool to {target.tolist()} m, {clear:g} m clear of table and arm"
+        )
+    return sorted(found, key=lambda posture: float(np.max(np.abs(posture - near) / robot.limits.velocity)))

@@ -1,0 +1,156 @@
+"""Moves from one posture to another, and stops."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jssa_gym.control.least_jerk import FEWEST
+from jssa_gym.control.plan import Plan, plan_waypoints
+from jssa_gym.exceptions import InfeasibleError
+from jssa_gym.kernels.records import STOP, records
+from jssa_gym.kernels.stopping import plan_stop, stop_jerk
+from jssa_gym.robots import JointLimits
+from jssa_gym.types import Array, JointState
+from jssa_gym.validation import real_array
+
+_GROWTH = 1.15
+"""By which the time for a move that begins in motion is lengthened until it can be made."""
+
+_STEPS = 40
+"""How often."""
+
+
+def fewest_ticks(distance: float, V: float, A: float, J: float, dt: float) -> tuple[int, int, int]:
+    r"""The shortest symmetric jerk-limited move of one joint from rest to rest on the time grid.
+
+    Jerk :math:`u` for :math:`n_j` ticks, none for :math:`n_a`, :math:`-u` for :math:`n_j`, none for :math:`n_v`, and
+    the same backwards. With times :math:`t = n\tau` it goes
+
+    .. math:: \Delta = u\, t_j (t_j + t_a) (2 t_j + t_a + t_v),
+
+    at an acceleration of :math:`u t_j` and a speed of :math:`u t_j (t_j + t_a)` at most. So for every choice of whole
+    ticks there is a jerk that ends exactly at the goal, and the fewest ticks within the limits are found by looking.
+
+    Args:
+        distance: Positive [rad].
+        V, A, J: Limits [rad/s, rad/s², rad/s³].
+        dt: Tick [s].
+
+    Returns:
+        The ticks n_j, n_a, n_v.
+    """
+    rise = min(A / J, np.sqrt(V / J))
+    hold = max(V / A - rise, 0.0) if rise == A / J else 0.0
+    if distance >= V * (2.0 * rise + hold):
+        shortest = 2.0 * rise + hold + distance / V
+    else:
+        rise = np.cbrt(distance / (2.0 * J))
+        shortest = 4.0 * rise
+        if rise > A / J:
+            rise = A / J
+            shortest = rise + 2.0 * np.sqrt(rise**2 / 4.0 + distance / A)
+    total = max(FEWEST, int(np.ceil(shortest / dt - 1e-9)))
+    while True:
+        n_j, n_a = np.meshgrid(np.arange(1, total // 4 + 1), np.arange(total // 2 - 1), indexing="ij")
+        n_v = total - 4 * n_j - 2 * n_a
+        speed = n_j * (n_j + n_a) * dt**2
+        jerk = np.where(n_v >= 0, distance / (speed * (2 * n_j + n_a + np.maximum(n_v, 0)) * dt), np.inf)
+        jerk[(jerk > J) | (jerk * n_j * dt > A) | (jerk * speed > V)] = np.inf
+        best = np.unravel_index(np.argmin(jerk), jerk.shape)
+        if jerk[best] < np.inf:
+            return int(n_j[best]), int(n_a[best]), int(n_v[best])
+        total += 1
+
+
+def _shape(n_j: int, n_a: int, n_v: int, dt: float) -> Array:
+    """Jerks of a move of distance 1, shape (4 n_j + 2 n_a + n_v,)."""
+    unit = 1.0 / (dt**3 * n_j * (n_j + n_a) * (2 * n_j + n_a + n_v))
+    signs = np.repeat([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0], [n_j, n_a, n_j, n_v, n_j, n_a, n_j])
+    return unit * signs
+
+
+def plan_move(start: ArrayLike, goal: ArrayLike, limits: JointLimits, dt: float) -> Plan:
+    """The shortest jerk-limited move from rest to rest, all joints ending together.
+
+    Its duration is the slowest joint's (see :func:`fewest_ticks`). The others share its profile where that keeps their
+    limits, so that the way is a straight line in joint space; those for which it does not cruise at a lower speed.
+
+    Args:
+        start, goal: Joint positions, shape (n,) [rad].
+        limits: Of the joints.
+        dt: Tick [s].
+
+    Returns:
+        The plan; of no ticks if start and goal are the same.
+
+    Raises:
+        ParameterError: A shape is wrong.
+        InfeasibleError: Start or goal lies outside the position limits.
+    """
+    n = len(limits.jerk)
+    begin = real_array("start", start, (n,), "a joint position [rad]")
+    end = real_array("goal", goal, (n,), "a joint position [rad]")
+    way, rest = end - begin, np.zeros(n)
+    state = np.array([begin, rest, rest])
+    moving = np.flatnonzero(np.abs(way) > 1e-12)
+    jerk = np.zeros((0, n))
+    if len(moving):
+        shapes = {
+            j: fewest_ticks(abs(way[j]), limits.velocity[j], limits.acceleration[j], limits.jerk[j], dt) for j in moving
+        }
+        ticks = {j: 4 * n_j + 2 * n_a + n_v for j, (n_j, n_a, n_v) in shapes.items()}
+        slowest = max(ticks, key=lambda j: ticks[j])
+        total = ticks[slowest]
+        line = _shape(*shapes[slowest], dt)
+        n_j, n_a, _ = shapes[slowest]
+        jerk = np.zeros((total, n))
+        for j in moving:
+            u = abs(way[j]) * np.abs(line).max()
+            peak = u * n_j * dt
+            fits = u <= limits.jerk[j] and peak <= limits.acceleration[j]
+            fits = fits and peak * (n_j + n_a) * dt <= limits.velocity[j]
+            own = shapes[j]
+            jerk[:, j] = way[j] * (line if fits else _shape(own[0], own[1], own[2] + total - ticks[j], dt))
+    plan = Plan.follow(state, jerk, dt, (len(jerk),))
+    if not plan.keeps(limits) or np.any(begin < limits.position[:, 0]) or np.any(begin > limits.position[:, 1]):
+        raise InfeasibleError(f"a move from {begin.tolist()} to {end.tolist()} leaves the position limits")
+    return plan
+
+
+def plan_approach(state: JointState, goal: ArrayLike, limits: JointLimits, dt: float) -> Plan:
+    """A move to rest at a posture that may begin in motion: :func:`plan_move` from rest, else of least squared jerk.
+
+    Args:
+        state: Where it begins.
+        goal: Shape (n,) [rad].
+        limits: Of the joints.
+        dt: Tick [s].
+
+    Raises:
+        ParameterError: A shape is wrong, or the goal lies outside the position limits.
+        InfeasibleError: The state cannot be brought to rest within the limits.
+    """
+    if not (np.any(state.velocity) or np.any(state.acceleration)):
+        return plan_move(state.position, goal, limits, dt)
+    stop = plan_brake(state, limits, dt)
+    ahead = np.max(np.abs(np.asarray(goal, float) - state.position) / limits.velocity) / dt
+    ticks = max(len(stop), int(ahead), FEWEST)
+    for _ in range(_STEPS):
+        try:
+            return plan_waypoints(state, [goal], ticks * dt, limits, dt, shortest=False)
+        except InfeasibleError:
+            ticks = int(np.ceil(ticks * _GROWTH))
+    raise InfeasibleError(f"no move from {state} to {goal} keeps the limits")
+
+
+def plan_brake(state: JointState, limits: JointLimits, dt: float) -> Plan:
+    """The jerk-limited stop on the time grid, see :func:`jssa_gym.kernels.stopping.stop_joint`.
+
+    Whether it keeps the position limits depends on the state; :meth:`Plan.keeps` tells.
+    """
+    rows = np.array(state, float)
+    bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+    stops = records(rows.shape[1], STOP)
+    jerk = np.zeros((plan_stop(rows, bounds, dt, stops), rows.shape[1]))
+    for k in range(len(jerk)):
+        stop_jerk(stops, k, jerk[k])
+    return Plan.follow(rows, jerk, dt, (len(jerk),))

@@ -1,0 +1,176 @@
+"""The paper's nominal controller as a policy: it plans, is interrupted, and resumes."""
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from jssa_gym.control.inverse import postures_for, way_is_clear
+from jssa_gym.control.jpc import JPC, Phase, Request
+from jssa_gym.control.moves import plan_approach, plan_move
+from jssa_gym.control.plan import Plan, plan_waypoints
+from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
+from jssa_gym.types import Array, JointState
+from jssa_gym.validation import low_high, positive_number
+
+_logger = logging.getLogger(__name__)
+
+Delay = float | tuple[float, float] | Callable[[np.random.Generator], float]
+"""Of the host [s]: a number, a range to draw from, or what draws it; infinity for an answer that never comes."""
+
+
+class JPCPolicy:
+    """Drives any task by the jerk-bounded position controller: the scripted baseline.
+
+    It plans jerks within all joint limits to the environment's goal, reads them from a buffer, and notices from the
+    joint state alone when a shield commands something else; see ``docs/control.md``. The goal is
+    ``env.unwrapped.goal``, which ``env.unwrapped.task.space`` says how to read: ``"joints"`` for a posture (n,) or
+    waypoints (K, n) that ``task.period`` seconds lie between, ``"tip"`` for a point (3,) for the tool that may move. An
+    environment without a task is kept at the robot's home. It has to be called in every tick, so not outside of an
+    :class:`~jssa_gym.ActionRepeat`.
+
+    Args:
+        env: The environment, wrapped or not.
+        seed: Seed of the host's delays and of the inverse kinematics' restarts.
+        host_delay: Time that the host takes for a plan [s]: a number, (low, high), or a function of a generator.
+        tolerance: How far a goal of the tool may move before there is a new plan [m].
+        clear: Distance that postures and ways keep from half-spaces and the arm from itself, where they can [m].
+        patience: See :class:`~jssa_gym.control.jpc.JPC`.
+
+    Raises:
+        ParameterError: An argument is out of range.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env,
+        seed: int | None = None,
+        *,
+        host_delay: Delay = (0.0, 0.1),
+        tolerance: float = 0.01,
+        clear: float = 0.01,
+        patience: float = 2.5,
+    ) -> None:
+        self._env, self._rng = env, np.random.default_rng(seed)
+        self._robot = env.get_wrapper_attr("robot")
+        self._dt = float(env.get_wrapper_attr("dt"))
+        self._delay = _delay(host_delay)
+        self._tolerance, self._clear = positive_number("tolerance", tolerance), positive_number("clear", clear)
+        self.jpc = JPC(self._robot.limits, self._dt, patience=patience)
+        self._jerk_bound = np.array(self._robot.limits.jerk)
+        task = getattr(env.unwrapped, "task", None)
+        self._tip = getattr(task, "space", "joints") == "tip"
+        self._period = getattr(task, "period", None)
+        self._time = np.inf
+
+    def _restart(self) -> None:
+        self.jpc.reset()
+        self._goal = np.zeros(0)
+        self._seen = self.jpc.request
+        self._due: list[tuple[int, Request, Array]] = []
+        self._tick = 0
+
+    def __call__(self, observation: Any) -> Array:
+        """The next jerk of the buffer as a share of the jerk bounds, shape (n,)."""
+        scene = self._env.get_wrapper_attr("scene")
+        if scene.time <= self._time:  # a clock that went back is a new episode's
+            self._restart()
+        self._time = scene.time
+        goal = getattr(self._env.unwrapped, "goal", self._robot.home)
+        if goal.shape != self._goal.shape or self._has_moved(goal):
+            self._goal = np.array(goal, float)
+            self.jpc.assign()
+        if self._due:
+            self._answer(scene.planes)
+        state = scene.robot
+        jerk = self.jpc.step(np.array((state.position, state.velocity, state.acceleration)))
+        request = self.jpc.request
+        if request is not None and request is not self._seen:
+            delay = self._delay(self._rng)
+            if np.isfinite(delay):
+                self._due.append((self._tick + max(1, round(delay / self._dt)), request, self._goal))
+        self._seen = request
+        self._tick += 1
+        return np.clip(jerk / self._jerk_bound, -1.0, 1.0)  # rounding
+
+    def _has_moved(self, goal: Array) -> bool:
+        if not self._tip:
+            return not np.array_equal(goal, self._goal)
+        # one replan at a time, or a goal that never stops would make every answer void
+        pending = self.jpc.request is not None and self.jpc.phase is not Phase.IDLE
+        return not pending and bool(np.abs(goal - self._goal).max() > self._tolerance)
+
+    def _answer(self, planes: Any) -> None:
+        """Hand over what the host has finished by now; it need not have worked on what is void."""
+        due = [entry for entry in self._due if entry[0] <= self._tick]
+        self._due = [entry for entry in self._due if entry[0] > self._tick]
+        for _, request, goal in due:
+            if self.jpc.request is not None and request.number == self.jpc.request.number:
+                self.jpc.deliver(request.number, self._plan(request, goal, planes))
+
+    def _plan(self, request: Request, goal: Array, planes: Any) -> Plan | None:
+        """The host: a plan from the requested state through what is left of the task; None if there is none."""
+        state = JointState(*request.state)
+        try:
+            if self._tip:
+                return self._to_point(state, goal, planes)
+            if goal.ndim == 1:
+                return self._to_posture(state, goal, planes)
+            return self._through(state, goal[min(request.met, len(goal) - 1) :], planes)
+        except (InfeasibleError, UnreachableError, ParameterError) as error:
+            _logger.warning("no plan: %s", error)
+            return None
+
+    def _to_point(self, state: JointState, point: Array, planes: Any) -> Plan:
+        robot = self._robot
+        if np.any(state.velocity):
+            # a goal that moves while the arm does: the nearest posture goes on from the present one
+            postures = postures_for(robot, point, planes, state.position, self._rng, restarts=0, clear=self._clear)
+            return plan_approach(state, postures[0], robot.limits, self._dt)
+        postures = postures_for(robot, point, planes, state.position, self._rng, clear=self._clear)
+        for posture in postures:
+            if way_is_clear(robot, state.position, posture, planes, self._clear):
+                return plan_move(state.position, posture, robot.limits, self._dt)
+        return self._to_posture(state, postures[0], planes)
+
+    def _to_posture(self, state: JointState, posture: Array, planes: Any) -> Plan:
+        robot, dt = self._robot, self._dt
+        home, clear = np.array(robot.home), self._clear
+        if np.any(state.velocity) or way_is_clear(robot, state.position, posture, planes, clear):
+            return plan_approach(state, posture, robot.limits, dt)
+        round_about = way_is_clear(robot, state.position, home, planes, clear)
+        if round_about and way_is_clear(robot, home, posture, planes, clear):
+            via = plan_move(state.position, home, robot.limits, dt).then(plan_move(home, posture, robot.limits, dt))
+            return Plan(dt, via.jerk, via.states, via.marks[-1:])
+        return plan_move(state.position, posture, robot.limits, dt)
+
+    def _through(self, state: JointState, waypoints: Array, planes: Any) -> Plan:
+        """Waypoints a period apart; from too far away, or back from an interruption, first to the next one."""
+        if self._period is None:
+            raise ParameterError("waypoints need task.period, the time between them [s]")
+        limits, dt = self._robot.limits, self._dt
+        try:
+            return plan_waypoints(state, waypoints, self._period, limits, dt, shortest=False)
+        except InfeasibleError:
+            first = self._to_posture(state, waypoints[0], planes)
+        if len(waypoints) == 1:
+            return first
+        rest = JointState(waypoints[0], np.zeros(len(limits.jerk)), np.zeros(len(limits.jerk)))
+        later = plan_waypoints(rest, waypoints[1:], self._period, limits, dt, stretch=True)
+        return first.then(later)
+
+
+def _delay(host_delay: Delay) -> Callable[[np.random.Generator], float]:
+    if isinstance(host_delay, tuple):
+        low, high = low_high("host_delay", host_delay)
+        return lambda rng: float(rng.uniform(low, high))
+    if isinstance(host_delay, int | float):
+        delay = float(host_delay)
+        if not delay >= 0.0:
+            raise ParameterError(f"host_delay has to be at least 0, got {host_delay!r}")
+        return lambda rng: delay
+    if not callable(host_delay):
+        raise ParameterError(f"host_delay has to be a number, (low, high) or a function, got {host_delay!r}")
+    return host_delay

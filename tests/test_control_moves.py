@@ -1,0 +1,209 @@
+"""Moves from rest to rest and from motion, stops, and inverse kinematics."""
+
+import mujoco
+import numpy as np
+import pytest
+import scipy.optimize
+import scipy.sparse
+from test_control_plan import DT, assert_kept, one_joint, played, rest
+
+from jssa_gym.control import plan_approach, plan_brake, plan_move
+from jssa_gym.control.inverse import clearance, postures_for, tip_of, way_is_clear
+from jssa_gym.control.moves import fewest_ticks
+from jssa_gym.envs import ArmEnv
+from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
+from jssa_gym.types import JointState, Planes
+
+TABLE = Planes(np.array([[0.0, 0.0, 1.0]]), np.array([0.87]), ("table",))
+
+
+def reachable(limits, distance, ticks):
+    """Whether a linear programme with a free jerk in every tick makes the move from rest to rest of one joint."""
+    V, A, J = limits
+    unit = J * DT**3
+    zero = played([[0.0]] * 3, np.zeros((ticks, 1)))
+    columns = [played([[0.0]] * 3, np.eye(ticks)[:, [i]] * J)[:, :, 0] - zero[:, :, 0] for i in range(ticks)]
+    R = np.stack(columns, axis=-1) / unit
+    rows = [R[-1, 0], R[-1, 1] * DT, R[-1, 2] * DT**2]
+    G = np.vstack([R[1:, 1], -R[1:, 1], R[1:, 2], -R[1:, 2]])
+    h = np.concatenate([np.full(2 * ticks, V / unit), np.full(2 * ticks, A / unit)])
+    scale = np.abs(G).max(axis=1)
+    found = scipy.optimize.linprog(
+        np.zeros(ticks),
+        A_ub=G / scale[:, None],
+        b_ub=h / scale,
+        A_eq=np.array(rows),
+        b_eq=[distance / unit, 0.0, 0.0],
+        bounds=(-1.0, 1.0),
+        method="highs",
+    )
+    return found.success
+
+
+@pytest.mark.parametrize("distance", [1e-5, 1e-3, 0.02, 0.1, 0.4, 1.0])
+def test_no_move_on_the_grid_is_much_shorter(robot, distance):
+    limits = robot.limits
+    for j in (0, 5):
+        V, A, J = limits.velocity[j], limits.acceleration[j], limits.jerk[j]
+        n_j, n_a, n_v = fewest_ticks(distance, V, A, J, DT)
+        ticks = 4 * n_j + 2 * n_a + n_v
+        assert reachable((V, A, J), distance, ticks)
+        # four ticks are the shape's shortest; else it loses two to a linear programme with every jerk free at most
+        assert ticks <= 4 or not reachable((V, A, J), distance, ticks - 3)
+
+
+def test_moves_keep_all_limits_and_end_together(robot):
+    rng, limits = np.random.default_rng(0), robot.limits
+    low, high = limits.position.T
+    straight = at_limit = 0
+    for k in range(300):
+        start, goal = rng.uniform(low, high), rng.uniform(low, high)
+        if k % 3 == 0:
+            goal = np.clip(start + rng.uniform(-1, 1, 6) * 10 ** rng.uniform(-7, 0), low, high)
+        if k % 10 == 0:
+            start, goal = np.where(rng.random(6) < 0.5, low, high), np.where(rng.random(6) < 0.5, low, high)
+        plan = plan_move(start, goal, limits, DT)
+        if len(plan) == 0:
+            np.testing.assert_allclose(start, goal, atol=1e-12)
+            continue
+        assert_kept(plan, rest(start), goal[None], limits, len(plan))
+        assert np.abs(plan.states[-1, 0] - goal).max() <= 1e-9
+        way = goal - start
+        share = (plan.states[:, 0] - start) @ way / (way @ way)
+        straight += bool(np.abs(plan.states[:, 0] - start - share[:, None] * way).max() < 1e-9)
+        fastest = np.abs(plan.states).max(axis=0)
+        # the slowest joint is at one of its limits, or as near as whole ticks let it come
+        at_limit += bool(
+            max(
+                np.max(fastest[1] / limits.velocity),
+                np.max(fastest[2] / limits.acceleration),
+                np.max(np.abs(plan.jerk) / limits.jerk),
+            )
+            > 0.9
+        )
+    assert straight > 100
+    assert at_limit > 230  # very short moves take four ticks whatever the limits
+
+
+def test_no_way_takes_no_ticks(robot):
+    plan = plan_move(robot.home, robot.home, robot.limits, DT)
+    assert len(plan) == 0
+    assert plan.duration == 0.0
+    np.testing.assert_array_equal(plan.states[-1, 0], robot.home)
+
+
+def test_a_goal_outside_the_range_is_refused(robot):
+    with pytest.raises(InfeasibleError, match="position limits"):
+        plan_move(robot.home, np.array(robot.home) + 10.0, robot.limits, DT)
+    with pytest.raises(InfeasibleError, match="position limits"):
+        plan_move(np.array(robot.home) + 10.0, robot.home, robot.limits, DT)
+    with pytest.raises(ParameterError, match="goal"):
+        plan_move(robot.home, [0.0] * 5, robot.limits, DT)
+
+
+def test_an_approach_may_begin_in_motion(robot):
+    rng, limits = np.random.default_rng(2), robot.limits
+    low, high = 0.9 * limits.position.T
+    for _ in range(12):
+        start, goal = rng.uniform(low, high), rng.uniform(low, high)
+        move = plan_move(start, goal, limits, DT)
+        tick = int(rng.integers(1, len(move)))
+        state = JointState(*move.states[tick])
+        new = np.clip(goal + rng.uniform(-0.2, 0.2, 6), low, high)
+        plan = plan_approach(state, new, limits, DT)
+        assert_kept(plan, state, new[None], limits, len(plan))
+
+
+def test_plans_can_be_put_one_after_the_other(robot):
+    one = plan_move(robot.home, np.array(robot.home) + 0.2, robot.limits, DT)
+    two = plan_move(np.array(robot.home) + 0.2, robot.home, robot.limits, DT)
+    both = one.then(two)
+    assert both.marks == (len(one), len(one) + len(two))
+    np.testing.assert_allclose(both.states[list(both.marks), 0], [np.array(robot.home) + 0.2, robot.home], atol=1e-9)
+    assert both.keeps(robot.limits)
+
+
+def test_a_brake_is_a_stop_within_the_limits(robot):
+    limits = robot.limits
+    state = JointState(np.array(robot.home), 0.5 * limits.velocity, -0.3 * limits.acceleration)
+    plan = plan_brake(state, limits, DT)
+    assert plan.keeps(limits)
+    states = played(state, plan.jerk)
+    assert np.abs(states[-1, 1:]).max() < 1e-9
+    assert len(plan_brake(rest(robot.home), limits, DT)) == 0
+
+
+def test_the_tip_is_mujocos(robot):
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        data.qpos[:] = rng.uniform(*robot.limits.position.T)
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(tip_of(robot, data.qpos), data.site("tcp").xpos + robot.mount, atol=1e-9)
+
+
+def test_every_reachable_point_is_reached_clear_of_table_and_arm(robot):
+    env, rng = ArmEnv("reach", human="none"), np.random.default_rng(0)
+    low, high = robot.limits.position.T
+    for seed in range(40):
+        env.reset(seed=seed)
+        postures = postures_for(robot, env.goal, TABLE, np.array(robot.home), rng)
+        times = [np.max(np.abs(p - robot.home) / robot.limits.velocity) for p in postures]
+        assert times == sorted(times)
+        for posture in postures:
+            assert np.linalg.norm(tip_of(robot, posture) - env.goal) <= 1e-5
+            assert np.all((low <= posture) & (posture <= high))
+            assert clearance(robot, posture, TABLE) >= 0.01
+
+
+def test_a_seed_fixes_the_postures(robot):
+    one, two = (
+        postures_for(robot, [0.5, 0.2, 1.3], TABLE, np.array(robot.home), np.random.default_rng(4)) for _ in range(2)
+    )
+    np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize("point", [[2.0, 0.0, 1.2], [0.5, 0.0, 0.80], [0.0, 0.0, 1.0]])
+def test_what_cannot_be_reached_is_said_to_be(robot, point):
+    with pytest.raises(UnreachableError, match="no posture"):
+        postures_for(robot, point, TABLE, np.array(robot.home), np.random.default_rng(0))
+
+
+def test_a_point_is_three_numbers(robot):
+    with pytest.raises(ParameterError, match="point"):
+        postures_for(robot, [0.5, 0.2], TABLE, np.array(robot.home), np.random.default_rng(0))
+
+
+def test_a_way_through_a_wall_is_seen(robot):
+    wall = Planes(np.array([[0.0, 1.0, 0.0]]), np.array([-0.35]), ("wall",))
+    home = np.array(robot.home)
+    left, right = home.copy(), home.copy()
+    left[0], right[0] = 2.9, -2.9
+    for posture in (home, left, right):
+        assert clearance(robot, posture, wall) > 0.02
+    assert way_is_clear(robot, home, left, wall, 0.01)
+    assert not way_is_clear(robot, home, right, wall, 0.01)
+
+
+def test_a_way_is_as_clear_as_it_looks(robot):
+    rng = np.random.default_rng(1)
+    low, high = robot.limits.position.T
+    blocked = 0
+    for _ in range(40):
+        one = np.array(robot.home)
+        two = rng.uniform(low, high)
+        least = min(clearance(robot, one + s * (two - one), TABLE) for s in np.linspace(0.0, 1.0, 400))
+        clear = way_is_clear(robot, one, two, TABLE, 0.01)
+        assert clear == (least >= 0.01) or abs(least - 0.01) < 0.01
+        blocked += not clear
+    assert 5 <= blocked <= 35
+
+
+def test_one_joint_alone_gets_there_sooner_or_as_soon(robot):
+    rng, limits = np.random.default_rng(9), robot.limits
+    for _ in range(10):
+        start, goal = rng.uniform(*limits.position.T), rng.uniform(*limits.position.T)
+        together = len(plan_move(start, goal, limits, DT))
+        alone = [len(plan_move(start[[j]], goal[[j]], one_joint(limits, j), DT)) for j in range(6)]
+        assert together == max(alone)
