@@ -71,6 +71,14 @@ def _fig8(done: Advance) -> Result:
     return Result(figure, measured, claims.comparison_claims(traces[baseline], rivals, limits))
 
 
+def _fig10(done: Advance) -> Result:
+    runs = reproduction.handovers(done)
+    drawn = [plots.Tracking(run.trace, run.tip, run.goal, run.replans) for run in runs.values()]
+    measured = {name: paper.measures(run.trace, run.limits) for name, run in runs.items()}
+    figure = plots.handovers(drawn, _INDEX.d_min)
+    return Result(figure, measured, claims.handover_claims(runs, _INDEX.d_min))
+
+
 def _table1(done: Advance) -> Result:
     tables: dict[str, Grid] = {**reproduction.sensitivity(done=done)}
     every = {PAPER: paper.TABLE1, **tables}
@@ -93,6 +101,7 @@ PARTS: Mapping[str, tuple[Callable[[Advance], Result], int]] = {
     "fig6": (_fig6, len(SHIELDS) + 1),
     "fig7": (_fig7, 1),
     "fig8": (_fig8, len(SHIELDS) + 1),
+    "fig10": (_fig10, 3),
     "table1": (_table1, len(SHIELDS) * len(paper.GRID) ** 2),
 }
 """What makes each figure or table, and how often it says that something is done."""
@@ -105,7 +114,7 @@ class Reproduce:
     The paper's person is not published: ours is one that comes near the numbers of its Fig. 6, the same everywhere.
     """
 
-    what: tyro.conf.Positional[Literal["fig3", "fig6", "fig7", "fig8", "table1", "all"]] = "all"
+    what: tyro.conf.Positional[Literal["fig3", "fig6", "fig7", "fig8", "fig10", "table1", "all"]] = "all"
     """Which figure or table."""
     out: Path = Path("reproduced")
     """Folder for a picture and the numbers of each."""

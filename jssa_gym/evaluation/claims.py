@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jssa_gym.evaluation import paper
+from jssa_gym.evaluation.handover import ARRIVED, BEGIN, Delivery
 from jssa_gym.evaluation.paper import Measures
 from jssa_gym.kernels.index import index_value
 from jssa_gym.robots import JointLimits
@@ -211,6 +212,46 @@ def comparison_claims(ssa: Trace, jssa: Mapping[str, Trace], limits: JointLimits
 
 def _fluctuation(trace: Trace) -> float:
     return float(np.abs(trace.acceleration_of_distance).mean())
+
+
+# ---- handover, Fig. 10 -------------------------------------------------------------------------------
+
+
+def handover_claims(runs: Mapping[str, Delivery], d_min: float) -> list[Claim]:
+    """What section 4.4 says about Fig. 10.
+
+    Args:
+        runs: By shield, the published one first.
+        d_min: The margin [m].
+    """
+
+    def claim(text: str, judge: Callable[[Delivery], Verdict]) -> Claim:
+        return Claim(text, "Fig. 10", {name: judge(run) for name, run in runs.items()})
+
+    def margin(run: Delivery) -> Verdict:
+        least = float(run.trace.distance.min())
+        return Verdict(least > d_min, f"{least:.3f} m")
+
+    def replans(run: Delivery) -> Verdict:
+        beside = run.trace.intervened & (run.trace.time >= BEGIN)
+        count = int(run.replans.sum())
+        return Verdict(bool(beside.any()) and count > 0, f"{count}, active for {beside.sum() * run.trace.dt:.2f} s")
+
+    def yields(run: Delivery) -> Verdict:
+        error = run.error[run.trace.time >= BEGIN]
+        back = float((error - np.minimum.accumulate(error)).max())
+        return Verdict(back > 0.01, f"by {back:.2f} m")
+
+    def arrives(run: Delivery) -> Verdict:
+        left = float(run.error[-1])
+        return Verdict(left < ARRIVED, f"{left:.3f} m from it")
+
+    return [
+        claim("the distance stays above d_min", margin),
+        claim("replans go along with the shield's activity", replans),
+        claim("the arm moves away from the goal meanwhile", yields),
+        claim("it reaches the goal in the end", arrives),
+    ]
 
 
 # ---- sensitivity, Table 1 ----------------------------------------------------------------------------

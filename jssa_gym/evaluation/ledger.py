@@ -22,6 +22,8 @@ _TELLING = (
     "viewer",
     "train",
     "evaluation/benchmark.py",
+    "evaluation/claims.py",
+    "evaluation/handover.py",
     "evaluation/paper.py",
     "evaluation/reproduction.py",
     "evaluation/statistics.py",

@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium as gym
 
 from jssa_gym.evaluation import paper
+from jssa_gym.evaluation.handover import Delivery, deliver
 from jssa_gym.evaluation.paper import Measures, measures
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.humans import HumanMotion
@@ -57,6 +58,20 @@ def avoidance(done: Advance = lambda: None) -> tuple[dict[str, Trace], JointLimi
 def comparison(done: Advance = lambda: None) -> tuple[dict[str, Trace], JointLimits]:
     """Fig. 8: the SSA with λ₁ = 3, and the JSSA with λ = (3, 1), as published and with the exact row."""
     return _each({"SSA": ssa} | {name: lambda env, n=name: SHIELDS[n](env, 3.0, 1.0) for name in SHIELDS}, done)
+
+
+def handovers(done: Advance = lambda: None) -> dict[str, Delivery]:
+    """Fig. 10: as published with λ = (3, 1), our shield, and none."""
+    wraps: dict[str, Callable[[gym.Env], gym.Env]] = {
+        "as published": JSSAShield.as_published,
+        "JSSAShield, own λ": JSSAShield,
+        "no shield": lambda env: env,
+    }
+    runs = {}
+    for name, wrap in wraps.items():
+        runs[name] = deliver(wrap, name)
+        done()
+    return runs
 
 
 def ssa(env: gym.Env) -> gym.Env:

@@ -72,9 +72,14 @@ def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float
     if trace.intervened.any():
         axes[0].axvspan(np.nan, np.nan, color="#E69F00", alpha=0.18, label="shield active")
         axes[0].legend(loc="upper right", fontsize="small")
+    shade(axes, trace)
+
+
+def shade(panels: Sequence[Any], trace: Trace) -> None:
+    """Mark when an episode's shield was active, on every panel."""
     for start, end in _spans(trace.intervened):
-        for panel in axes:
-            panel.axvspan(time[start] - trace.dt, time[end - 1], color="#E69F00", alpha=0.18, linewidth=0.0)
+        for panel in panels:
+            panel.axvspan(trace.time[start] - trace.dt, trace.time[end - 1], color="#E69F00", alpha=0.18, linewidth=0.0)
 
 
 def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
