@@ -44,8 +44,10 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
     ):
         row.set_ylabel(label)
     # a shield that throws the arm about would otherwise flatten everybody else's curve
-    axes[1, 0].set_ylim(-3.0, 3.0)
-    axes[2, 0].set_ylim(-12.0, 12.0)
+    for row, field, most in ((1, "speed", 3.0), (2, "acceleration_of_distance", 12.0)):
+        largest = max(np.nanmax(np.abs(getattr(trace, field)), initial=0.0) for trace in traces)
+        bound = min(max(1.1 * largest, 0.1), most)
+        axes[row, 0].set_ylim(-bound, bound)
     return figure
 
 

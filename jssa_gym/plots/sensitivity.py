@@ -46,7 +46,7 @@ def sensitivity(
                     panel.text(place, row, f"{value:.3f}", ha="center", va="center", fontsize="small")
         column[-1].set_xlabel(r"$\lambda_1$")
     for panel, measure in zip(axes[:, 0], measures, strict=True):
-        panel.set_ylabel(f"{measure}\n" + r"$\lambda_2$")
+        panel.set_ylabel(measure.replace("critical ", "critical\n") + "\n" + r"$\lambda_2$")
         panel.set_xticks(range(len(lambda1)), [f"{value:g}" for value in lambda1])
         panel.set_yticks(range(len(lambda2)), [f"{value:g}" for value in lambda2])
     return figure
