@@ -1,14 +1,13 @@
 """The paper's claims as tests: which come out here, and which do not; the machinery that says so."""
 
 import json
-import os
-import subprocess
 import sys
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from jssa_gym.cli import main
 from jssa_gym.evaluation import claims, paper, reproduction
 from jssa_gym.evaluation.claims import Claim, Verdict
 from jssa_gym.evaluation.paper import Measures
@@ -213,37 +212,40 @@ def test_a_claim_is_reproduced_if_the_published_filter_bears_it_out():
     assert not Claim("", "", {claims.PAPER: yes, PUBLISHED: no, OURS: yes}).reproduced
 
 
-def cli(*arguments):
-    script = "import sys\nsys.argv[0] = 'jssa-gym'\nfrom jssa_gym.cli import main\nmain()"
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-c", script, "reproduce", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "COLUMNS": "160", "MPLBACKEND": "agg"},
-        check=False,
-    )
+def run_command(monkeypatch, *arguments):
+    """``jssa-gym reproduce`` in this process."""
+    monkeypatch.setattr(sys, "argv", ["jssa-gym", "reproduce", *map(str, arguments)])
+    main()
 
 
-def test_reproduce_writes_a_picture_and_its_numbers(tmp_path):
+def test_reproduce_writes_a_picture_and_its_numbers(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-    run = cli("fig6", "--out", tmp_path / "deep" / "out")
-    assert run.returncode == 0, run.stderr
+    run_command(monkeypatch, "fig6", "--out", tmp_path / "deep" / "out")
+    printed = capsys.readouterr().out
     assert sorted(path.name for path in (tmp_path / "deep" / "out").iterdir()) == ["fig6.json", "fig6.png"]
-    assert "not reproduced" in run.stdout
-    assert "0.446" in run.stdout
+    assert "not reproduced" in printed
+    assert "0.446" in printed
     result = json.loads((tmp_path / "deep" / "out" / "fig6.json").read_text())
     assert result["measured"]["paper"]["min_distance"] == 0.446
     assert [claim["reproduced"] for claim in result["claims"]].count(False) == 1
 
 
-def test_reproduce_refuses_a_folder_that_it_cannot_use(tmp_path):
+@pytest.mark.parametrize(
+    ("arguments", "reason"), [(("fig3", "--out", "file"), "cannot write to file"), (("fig5",), "")]
+)
+def test_reproduce_refuses_what_it_cannot_do(arguments, reason, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("mine")
-    run = cli("fig3", "--out", tmp_path / "file")
-    assert run.returncode == 2
-    assert run.stdout == ""
-    (line,) = (line for line in run.stderr.splitlines() if line.strip())
-    assert line.startswith("jssa-gym: cannot write to")
-    assert cli("fig5").returncode == 2
+    with pytest.raises(SystemExit) as caught:
+        run_command(monkeypatch, *arguments)
+    assert caught.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    if reason:
+        (line,) = (line for line in printed.err.splitlines() if line.strip())
+        assert line.startswith(f"jssa-gym: {reason}")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 @pytest.mark.parametrize("part", ["portraits", "shifts", "sensitivity", "handovers"])
