@@ -7,13 +7,15 @@ import tyro
 
 from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.demo import Demo
+from jssa_gym.cli.reproduce import Reproduce
 from jssa_gym.cli.stress import Stress
 from jssa_gym.exceptions import JSSAGymError
 
 Command = Annotated[
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
-    | Annotated[Stress, tyro.conf.subcommand("stress")],
+    | Annotated[Stress, tyro.conf.subcommand("stress")]
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")],
     tyro.conf.arg(name=""),
 ]
 

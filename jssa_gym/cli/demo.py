@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from jssa_gym import plots
-from jssa_gym.cli.files import write_json
+from jssa_gym.cli.files import make_folder, write_figure, write_json
 from jssa_gym.envs.arm import DT, ArmEnv
 from jssa_gym.envs.world import World
 from jssa_gym.evaluation import Summary, rollout, summarise
@@ -61,12 +60,7 @@ class Demo:
             raise ParameterError(f"seconds has to be between 0.1 and 60, got {self.seconds}")
         plots.require(film=self.video)
         human = paper_scene(positive_number("speed", self.speed))
-        try:
-            self.out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ParameterError(f"cannot write to {self.out}: {error.strerror}") from error
-        if not os.access(self.out, os.W_OK):
-            raise ParameterError(f"cannot write to {self.out}: it is read-only")
+        make_folder(self.out)
         console = Console(stderr=True)
         steps = round(self.seconds / DT)
         traces, summaries = [], []
@@ -86,8 +80,7 @@ class Demo:
             assert robot is not None
             write_json(self.out / "metrics.json", [_plain(summary) for summary in summaries])
             figure = plots.profile(traces, robot.limits, d_min)
-            figure.savefig(self.out / "profile.part.png", dpi=110)
-            (self.out / "profile.part.png").replace(self.out / "profile.png")
+            write_figure(self.out / "profile.png", figure)
             written = ["metrics.json", "profile.png"]
             if self.video:
                 frames = _film(traces, ArmEnv(human="none"), d_min, self.pretty)

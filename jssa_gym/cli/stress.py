@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from jssa_gym import plots
+from jssa_gym.cli.files import write_figure
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import CONTENDERS
@@ -90,8 +91,7 @@ class Stress:
         rows = tally(episodes, self.by)
         if preset == "degradation":
             figure = plots.degradation(*_curves(episodes))
-            figure.savefig(self.out / "degradation.part.png", dpi=110)
-            (self.out / "degradation.part.png").replace(self.out / "degradation.png")
+            write_figure(self.out / "degradation.png", figure)
         broken = [episode for episode in episodes if episode.broken]
         if self.json:
             print(json.dumps({"rows": [_plain(row, self.by) for row in rows], "broken": len(broken)}, indent=2))

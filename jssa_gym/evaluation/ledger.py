@@ -18,10 +18,14 @@ _KINDS = get_type_hints(Episode)
 _NAMES = [field.name for field in fields(Episode)]
 _TELLING = (
     "cli",
-    "plots.py",
+    "plots",
     "viewer",
     "train",
     "evaluation/benchmark.py",
+    "evaluation/claims.py",
+    "evaluation/handover.py",
+    "evaluation/paper.py",
+    "evaluation/reproduction.py",
     "evaluation/statistics.py",
     "evaluation/tally.py",
 )

@@ -9,14 +9,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.feasibility import probe
+from jssa_gym.kernels.index import index_value
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array
-from jssa_gym.validation import known_name, low_high, number_within, positive_number
+from jssa_gym.validation import known_name, low_high, number_within, positive_number, real_array
 
 _KEPT = 1e-6
 """Index [m²] up to which a state counts as kept, as in the filter."""
@@ -220,3 +222,38 @@ def propose(*, jerk: float, approach: float, distance: float, d_min: float = 0.0
     roots = np.roots([jerk, 0.0, -c * approach, -gap])
     root = float(np.max(roots.real[np.abs(roots.imag) < 1e-9])) * (1.0 + 1e-12)
     return IndexParams(d_min=d_min, lambda1=math.sqrt(c) * root * (1.0 + 1e-12), lambda2=root**2)
+
+
+def fastest_approach(index: IndexParams, distance: ArrayLike) -> Array:
+    r"""Fastest approach from which :math:`\phi \le 0` alone keeps :math:`d_{min}`: :math:`p^*(D)`, negative [m/s].
+
+    While :math:`\phi = 0` is held, :math:`\lambda_2\ddot D = d_{min}^2 - D|D| - \lambda_1\dot D`. Its fast stable
+    manifold through :math:`(d_{min}, 0)` is :math:`\dot D = p^*(D)`: whoever is on it stops at :math:`d_{min}`, whoever
+    is faster does not. With it, :math:`\{D \ge d_{min}, \dot D \ge p^*(D), \phi \le 0\}` is forward invariant as long
+    as :math:`\phi \le 0` is kept; it is the largest set of which that alone is enough.
+
+    Args:
+        index: Parameters of the index.
+        distance: Surface distances of at least ``d_min``, increasing, shape (k,) [m].
+
+    Raises:
+        ParameterError: The distances are something else.
+    """
+    from scipy.integrate import solve_ivp
+
+    wanted = real_array("distance", distance, np.shape(distance), "distances [m]")
+    if wanted.ndim != 1 or np.any(np.diff(wanted) <= 0.0) or not np.all(wanted >= index.d_min):
+        raise ParameterError(f"distances have to increase from d_min = {index.d_min} on, got {distance!r}")
+    kernel, d_min, one, two = index.kernel(), index.d_min, index.lambda1, index.lambda2
+    slope = (one + math.sqrt(one**2 - 8.0 * two * d_min)) / (2.0 * two)
+    begin = 1e-6
+
+    def growth(D: float, p: Array) -> Array:
+        return np.array([index_value(D, p[0], 0.0, kernel) / (two * p[0])])
+
+    out = -slope * (wanted - d_min)
+    far = wanted > d_min + begin
+    if far.any():
+        span = (d_min + begin, float(wanted[-1]))
+        out[far] = solve_ivp(growth, span, [-slope * begin], t_eval=wanted[far], rtol=1e-8, atol=1e-12).y[0]
+    return out

@@ -1,45 +1,19 @@
-"""Figures and films of recorded episodes; needs the extra ``plots``."""
+"""Figures and films of recorded episodes."""
 
-import importlib.util
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.plots.backend import COLOURS, INSTALL, draw_without_display
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_JOINT_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#999999", "#000000")
-"""Okabe and Ito's palette, told apart by colour-blind people."""
-
-
-_INSTALL = "pip install 'jssa-gym[plots]', or pip install -e '.[plots]' in a clone"
-
-
-def require(film: bool = False) -> None:
-    """Find out before long work whether figures, and films, can be made.
-
-    Raises:
-        MissingExtraError: matplotlib or PyAV is not installed.
-    """
-    for module, what in (("matplotlib", "figures"), ("av", "films"))[: 2 if film else 1]:
-        if importlib.util.find_spec(module) is None:
-            raise MissingExtraError(f"{what} need the extra 'plots': {_INSTALL}")
-
-
-def _matplotlib() -> Any:
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise MissingExtraError(f"figures need the extra 'plots': {_INSTALL}") from error
-    matplotlib.use("agg", force=False)
-    return matplotlib
 
 
 def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figure":
@@ -56,7 +30,7 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    _matplotlib()
+    draw_without_display()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.2 * len(traces), 11.0), layout="constrained")
@@ -70,8 +44,10 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
     ):
         row.set_ylabel(label)
     # a shield that throws the arm about would otherwise flatten everybody else's curve
-    axes[1, 0].set_ylim(-3.0, 3.0)
-    axes[2, 0].set_ylim(-12.0, 12.0)
+    for row, field, most in ((1, "speed", 3.0), (2, "acceleration_of_distance", 12.0)):
+        largest = max(np.nanmax(np.abs(getattr(trace, field)), initial=0.0) for trace in traces)
+        bound = min(max(1.1 * largest, 0.1), most)
+        axes[row, 0].set_ylim(-bound, bound)
     return figure
 
 
@@ -90,7 +66,7 @@ def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float
     axes[3].legend(loc="upper right", fontsize="small")
     share = trace.jerk / limits.jerk
     for j in range(share.shape[1]):
-        colour = _JOINT_COLOURS[j % len(_JOINT_COLOURS)]
+        colour = COLOURS[j % len(COLOURS)]
         axes[4].plot(time, share[:, j], color=colour, linewidth=0.8, label=f"J{j + 1}")
     axes[4].set_ylim(-1.1, 1.1)
     axes[4].legend(loc="upper right", fontsize="x-small", ncols=3)
@@ -98,9 +74,14 @@ def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float
     if trace.intervened.any():
         axes[0].axvspan(np.nan, np.nan, color="#E69F00", alpha=0.18, label="shield active")
         axes[0].legend(loc="upper right", fontsize="small")
+    shade(axes, trace)
+
+
+def shade(panels: Sequence[Any], trace: Trace) -> None:
+    """Mark when an episode's shield was active, on every panel."""
     for start, end in _spans(trace.intervened):
-        for panel in axes:
-            panel.axvspan(time[start] - trace.dt, time[end - 1], color="#E69F00", alpha=0.18, linewidth=0.0)
+        for panel in panels:
+            panel.axvspan(trace.time[start] - trace.dt, trace.time[end - 1], color="#E69F00", alpha=0.18, linewidth=0.0)
 
 
 def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -110,7 +91,7 @@ def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def label(text: str, width: int, height: int = 30) -> NDArray[np.uint8]:
     """A dark strip with a line of text, shape (height, width, 3)."""
-    _matplotlib()
+    draw_without_display()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -148,7 +129,7 @@ def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int)
     try:
         import av
     except ImportError as error:
-        raise MissingExtraError(f"films need the extra 'plots': {_INSTALL}") from error
+        raise MissingExtraError(f"films need the extra 'plots': {INSTALL}") from error
     path = Path(path)
     unfinished = path.with_suffix(".part.mp4")
     with av.open(str(unfinished), "w") as container:
@@ -163,44 +144,3 @@ def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int)
         for packet in stream.encode():
             container.mux(packet)
     unfinished.replace(path)
-
-
-class Curve(NamedTuple):
-    """How a shield degrades as something grows; one entry a level."""
-
-    level: Sequence[float]
-    rate: Sequence[float]
-    """Share of the episodes with a moving contact."""
-    low: Sequence[float]
-    high: Sequence[float]
-    """Its 95 % interval."""
-    speed: Sequence[float]
-    """Largest contact speed [m/s]."""
-
-
-def degradation(fast: Curve, late: Curve) -> "Figure":
-    """What happens as people become faster, and measurements older, than a shield assumes.
-
-    Args:
-        fast: Over the people's speed in multiples of what is assumed.
-        late: Over the delay that nobody reports [ms].
-
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-    """
-    _matplotlib()
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
-    axes = figure.subplots(2, 2, sharex="col", sharey="row")
-    titles = ("speed of people / speed assumed", "latency that nobody reports [ms]")
-    for (rate, speed), curve, title in zip(axes.T, (fast, late), titles, strict=True):
-        rate.fill_between(curve.level, curve.low, curve.high, color="#0072B2", alpha=0.2, linewidth=0.0)
-        rate.plot(curve.level, curve.rate, color="#0072B2", marker="o")
-        speed.plot(curve.level, curve.speed, color="#D55E00", marker="o")
-        speed.set_xlabel(title)
-    axes[0, 0].set_ylabel("episodes with a\nmoving contact")
-    axes[1, 0].set_ylabel("fastest contact [m/s]")
-    axes[0, 0].set_ylim(-0.02, 1.02)
-    axes[1, 0].set_ylim(bottom=0.0)
-    return figure

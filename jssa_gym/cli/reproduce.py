@@ -1,0 +1,182 @@
+"""``jssa-gym reproduce``: the paper's figures and table, with its numbers beside ours."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
+from rich.table import Table
+
+from jssa_gym import plots
+from jssa_gym.cli.files import make_folder, write_figure, write_json
+from jssa_gym.evaluation import claims, paper, reproduction
+from jssa_gym.evaluation.claims import PAPER, Claim, Grid
+from jssa_gym.evaluation.paper import COLUMNS, Measures
+from jssa_gym.evaluation.reproduction import SHIELDS, Advance
+from jssa_gym.safety.index import IndexParams
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_INDEX = IndexParams(lambda1=3.0, lambda2=1.0)
+"""The paper's parameters in section 4.1."""
+
+_MORE = {"lambda1": 5.0, "lambda2": 3.0}
+"""The larger parameters of Fig. 7; the paper does not print its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What one figure or table came to."""
+
+    figure: "Figure"
+    measured: Mapping[str, Measures]
+    """By source, the paper first."""
+    claims: Sequence[Claim]
+
+
+def _fig3(done: Advance) -> Result:
+    figure = plots.portraits(_INDEX)
+    done()
+    return Result(figure, {}, claims.portrait_claims(_INDEX))
+
+
+def _fig7(done: Advance) -> Result:
+    figure = plots.shifts(_INDEX, **_MORE)
+    done()
+    return Result(figure, {}, claims.shift_claims(_INDEX, **_MORE))
+
+
+def _fig6(done: Advance) -> Result:
+    traces, limits = reproduction.avoidance(done)
+    figure = plots.profile(list(traces.values()), limits, _INDEX.d_min)
+    measured = {PAPER: paper.FIG6} | {name: paper.measures(trace, limits) for name, trace in traces.items()}
+    return Result(figure, measured, claims.avoidance_claims(traces, limits, _INDEX.d_min))
+
+
+def _fig8(done: Advance) -> Result:
+    traces, limits = reproduction.comparison(done)
+    figure = plots.profile(list(traces.values()), limits, _INDEX.d_min)
+    measured = {"paper, SSA": paper.FIG8, "paper, JSSA": paper.FIG6}
+    measured |= {name: paper.measures(trace, limits) for name, trace in traces.items()}
+    baseline, *_ = traces
+    rivals = {name: trace for name, trace in traces.items() if name != baseline}
+    return Result(figure, measured, claims.comparison_claims(traces[baseline], rivals, limits))
+
+
+def _fig10(done: Advance) -> Result:
+    runs = reproduction.handovers(done)
+    drawn = [plots.Tracking(run.trace, run.tip, run.goal, run.replans) for run in runs.values()]
+    measured = {name: paper.measures(run.trace, run.limits) for name, run in runs.items()}
+    figure = plots.handovers(drawn, _INDEX.d_min)
+    return Result(figure, measured, claims.handover_claims(runs, _INDEX.d_min))
+
+
+def _table1(done: Advance) -> Result:
+    tables: dict[str, Grid] = {**reproduction.sensitivity(done=done)}
+    every = {PAPER: paper.TABLE1, **tables}
+    arrays = {
+        name: np.array([[_row(table[a, b]) for a in paper.GRID] for b in paper.GRID]) for name, table in every.items()
+    }
+    titles = [f"{title} [{unit}]" for title, unit in COLUMNS.values()]
+    figure = plots.sensitivity(arrays, paper.GRID, paper.GRID, titles)
+    measured = {
+        f"λ = ({a:g}, {b:g}), {name}": table[a, b]
+        for b in paper.GRID
+        for a in paper.GRID
+        for name, table in every.items()
+    }
+    return Result(figure, measured, claims.sensitivity_claims(tables))
+
+
+PARTS: Mapping[str, tuple[Callable[[Advance], Result], int]] = {
+    "fig3": (_fig3, 1),
+    "fig6": (_fig6, len(SHIELDS) + 1),
+    "fig7": (_fig7, 1),
+    "fig8": (_fig8, len(SHIELDS) + 1),
+    "fig10": (_fig10, 3),
+    "table1": (_table1, len(SHIELDS) * len(paper.GRID) ** 2),
+}
+"""What makes each figure or table, and how often it says that something is done."""
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Make the paper's figures and its table anew, and say which of its claims come out.
+
+    The paper's person is not published: ours is one that comes near the numbers of its Fig. 6, the same everywhere.
+    """
+
+    what: tyro.conf.Positional[Literal["fig3", "fig6", "fig7", "fig8", "fig10", "table1", "all"]] = "all"
+    """Which figure or table."""
+    out: Path = Path("reproduced")
+    """Folder for a picture and the numbers of each."""
+    json: bool = False
+    """Print JSON instead of tables."""
+
+    def run(self) -> None:
+        """Play, draw, compare, write."""
+        plots.require()
+        make_folder(self.out)
+        chosen = list(PARTS) if self.what == "all" else [self.what]
+        results = {}
+        console = Console(stderr=True)
+        with Progress(console=console, transient=True) as progress:
+            task = progress.add_task("", total=sum(PARTS[name][1] for name in chosen))
+            for name in chosen:
+                progress.update(task, description=name)
+                make, _ = PARTS[name]
+                results[name] = make(lambda: progress.advance(task))
+                write_figure(self.out / f"{name}.png", results[name].figure)
+                write_json(self.out / f"{name}.json", _plain(results[name]))
+        if self.json:
+            print(json.dumps({name: _plain(result) for name, result in results.items()}, indent=2))
+        else:
+            for name, result in results.items():
+                _show(name, result)
+        console.print(f"wrote {', '.join(chosen)}, each as .png and .json, to {self.out}")
+
+
+def _row(measures: Measures) -> list[float]:
+    return [np.nan if value is None else value for value in dataclasses.astuple(measures)]
+
+
+def _plain(result: Result) -> dict[str, Any]:
+    """A result as JSON can hold it."""
+    return {
+        "measured": {name: dataclasses.asdict(measures) for name, measures in result.measured.items()},
+        "claims": [
+            {**dataclasses.asdict(claim), "reproduced": claim.reproduced}  # verdicts are dataclasses too
+            for claim in result.claims
+        ],
+    }
+
+
+def _show(name: str, result: Result) -> None:
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=150)
+    if result.measured:
+        table = Table("", title=name)
+        for title, unit in COLUMNS.values():
+            table.add_column(escape(f"{title} [{unit}]"), justify="right")
+        for source, measures in result.measured.items():
+            cells = ("–" if value is None else f"{value:.3f}" for value in dataclasses.astuple(measures))
+            table.add_row(source, *cells, end_section=source.endswith(tuple(SHIELDS)[-1]))
+        console.print(table)
+    table = Table("what the paper says", title=f"{name}: is it so here?")
+    sources = list(result.claims[0].verdicts)
+    for source in sources:
+        table.add_column(source)
+    table.add_column("")
+    for claim in result.claims:
+        cells = (f"{'yes' if verdict.holds else 'no'}: {verdict.seen}" for verdict in claim.verdicts.values())
+        table.add_row(claim.text, *cells, "reproduced" if claim.reproduced else "[bold]not reproduced[/bold]")
+    console.print(table)

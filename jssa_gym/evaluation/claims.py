@@ -1,0 +1,304 @@
+"""What the paper says about its results, held against numbers: the paper's own, and ours."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from jssa_gym.evaluation import paper
+from jssa_gym.evaluation.handover import ARRIVED, BEGIN, Delivery
+from jssa_gym.evaluation.paper import Measures
+from jssa_gym.kernels.index import index_value
+from jssa_gym.robots import JointLimits
+from jssa_gym.safety.certify import fastest_approach
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.types import Array, Trace
+
+PAPER = "paper"
+"""Name of the column that holds the paper's own numbers."""
+
+_AT_BOUND = 0.999
+"""Share of a jerk bound from which a joint counts as saturated."""
+
+_TELLING = 0.01
+"""Share of a number by which another has to differ to count as larger or smaller."""
+
+_AT_HOME = 5.0
+"""Farthest that a joint may be from home for the arm to have returned [°]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether a claim holds somewhere, and by which figures."""
+
+    holds: bool
+    seen: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "holds", bool(self.holds))  # JSON cannot hold numpy's
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Something that the paper says about its results."""
+
+    text: str
+    source: str
+    verdicts: Mapping[str, Verdict]
+    """By shield, the published one first; under :data:`PAPER` whether the paper's own numbers bear it out."""
+
+    @property
+    def reproduced(self) -> bool:
+        """Whether it holds for the published algorithm."""
+        return next(verdict for name, verdict in self.verdicts.items() if name != PAPER).holds
+
+
+# ---- the index itself, Fig. 3 and 7 ------------------------------------------------------------------
+
+
+def portrait_claims(index: IndexParams) -> list[Claim]:
+    """What section 3.1 says about Fig. 3: keeping the index at 0 keeps the margin."""
+    begin = np.array([0.1, 0.2, 0.5, 1.0])
+    fastest = fastest_approach(index, begin)
+    held = [_closest(index, D, 0.98 * rate) for D, rate in zip(begin, fastest, strict=True)]
+    lost = [_closest(index, D, 1.05 * rate) for D, rate in zip(begin, fastest, strict=True)]
+    seen = f"from 1 m up to {-fastest[-1]:.2f} m/s, not from {-1.05 * fastest[-1]:.2f} m/s"
+    verdict = Verdict(min(held) > index.d_min - 1e-4 and max(lost) < index.d_min, seen)
+    return [
+        Claim("holding φ = 0 stops every approach from inside the set before d_min", "Fig. 3", {"formula": verdict})
+    ]
+
+
+def _closest(index: IndexParams, distance: float, rate: float) -> float:
+    """Smallest distance while the index is held at 0 [m]: Eq. (6) solved for the second derivative, integrated."""
+    kernel, dt = index.kernel(), 1e-3
+    least = distance
+    for _ in range(20_000):
+        rate += index_value(distance, rate, 0.0, kernel) / index.lambda2 * dt
+        distance += rate * dt
+        least = min(least, distance)
+        if rate >= 0.0 or distance < 0.0:
+            break
+    return least
+
+
+def shift_claims(index: IndexParams, lambda1: float, lambda2: float) -> list[Claim]:
+    """What section 4.2 says about Fig. 7.
+
+    Args:
+        index: Before.
+        lambda1: The larger λ₁ [m·s].
+        lambda2: The larger λ₂ [m·s²].
+    """
+    d_min = index.d_min
+    more1 = IndexParams(d_min=d_min, lambda1=lambda1, lambda2=index.lambda2)
+    more2 = IndexParams(d_min=d_min, lambda1=index.lambda1, lambda2=lambda2)
+    D, rate, curvature = (
+        x.ravel() for x in np.meshgrid(np.linspace(0.0, 1.5, 7), np.linspace(-1.0, 1.0, 9), np.linspace(-3.0, 3.0, 9))
+    )
+
+    def rise(changed: IndexParams) -> Array:
+        new, old = changed.kernel(), index.kernel()
+        values = zip(D, rate, curvature, strict=True)
+        return np.array([index_value(*at, new) - index_value(*at, old) for at in values])
+
+    rise1, rise2 = rise(more1), rise(more2)
+
+    def everywhere(holds: Array) -> dict[str, Verdict]:
+        return {"formula": Verdict(holds.all(), f"in {holds.mean():.0%} of {holds.size} states")}
+
+    return [
+        Claim("λ₁ up: φ larger wherever somebody approaches", "Fig. 7a", everywhere(rise1[rate < 0.0] > 0.0)),
+        Claim("λ₂ up: φ larger where the approach speeds up", "Fig. 7b", everywhere(rise2[curvature < 0.0] > 0.0)),
+        Claim("λ₂ up: φ smaller where it slows down", "Fig. 7b", everywhere(rise2[curvature > 0.0] < 0.0)),
+    ]
+
+
+# ---- collision avoidance, Fig. 6 and 8 ---------------------------------------------------------------
+
+
+def saturation(trace: Trace, limits: JointLimits) -> float:
+    """Share of an episode's steps in which some joint's jerk is at its bound."""
+    return float(np.any(np.abs(trace.jerk) >= _AT_BOUND * limits.jerk, axis=1).mean())
+
+
+def sequence(links: Array) -> tuple[int, ...]:
+    """Critical links in the order of their appearance, counted from 1; (T,) of them, counted from 0."""
+    changes = np.flatnonzero(np.diff(links)) + 1
+    return tuple(int(links[k]) + 1 for k in (0, *changes))
+
+
+def avoidance_claims(traces: Mapping[str, Trace], limits: JointLimits, d_min: float) -> list[Claim]:
+    """What section 4.1 says about Fig. 6.
+
+    Args:
+        traces: By shield, the published one first.
+        limits: The robot's limits.
+        d_min: The margin [m].
+    """
+
+    def claim(text: str, judge: Callable[[Trace], Verdict]) -> Claim:
+        return Claim(text, "Fig. 6", {name: judge(trace) for name, trace in traces.items()})
+
+    def margin(trace: Trace) -> Verdict:
+        least = float(trace.distance.min())
+        return Verdict(least > d_min, f"{least:.3f} m")
+
+    def early(trace: Trace) -> Verdict:
+        if not trace.intervened.any():
+            return Verdict(False, "never triggered")
+        distance = float(trace.distance[trace.intervened.argmax()])
+        return Verdict(distance > 5.0 * d_min, f"{distance:.2f} m")
+
+    def bounded(trace: Trace) -> Verdict:
+        share = float((np.abs(trace.jerk) / limits.jerk).max())
+        return Verdict(share <= 1.0 + 1e-9, f"{share:.0%} of it")
+
+    def gentle(trace: Trace) -> Verdict:
+        jerk = float(np.abs(trace.jerk).max())
+        return Verdict(jerk <= 1.1 * paper.FIG6_JERK, f"{np.degrees(jerk):.0f} °/s³")
+
+    def tip(trace: Trace) -> Verdict:
+        share = float((trace.pair[:, 0] == paper.FIG6_ROBOT_LINK - 1).mean())
+        return Verdict(share == 1.0, f"{share:.0%} of the time")
+
+    def person(trace: Trace) -> Verdict:
+        seen = sequence(trace.pair[:, 1])
+        return Verdict(seen == paper.FIG6_HUMAN_LINKS, "-".join(map(str, seen)))
+
+    def home(trace: Trace) -> Verdict:
+        left = float(np.degrees(np.abs(trace.position[-1] - trace.initial_state[0]).max()))
+        return Verdict(left < _AT_HOME, f"{left:.1f}° off")
+
+    return [
+        claim("the distance stays above d_min", margin),
+        claim("triggered while there is a decent margin", early),
+        claim("the jerk keeps its bound", bounded),
+        claim("the jerk stays within about 2000 °/s³", gentle),
+        claim("the arm's critical link is the end effector", tip),
+        claim("the person's are left arm, core, head, core (4-2-1-2)", person),
+        claim("the arm returns home when the person leaves", home),
+    ]
+
+
+def comparison_claims(ssa: Trace, jssa: Mapping[str, Trace], limits: JointLimits) -> list[Claim]:
+    """What section 4.3 says about Fig. 8: the SSA against the JSSA.
+
+    Args:
+        ssa: Episode with the SSA.
+        jssa: Episodes with the JSSA, by shield, the published one first.
+        limits: The robot's limits.
+    """
+
+    def claim(text: str, measure: Callable[[Trace], float], unit: str, sign: int) -> Claim:
+        one = measure(ssa)
+        others = {name: measure(trace) for name, trace in jssa.items()}
+        return Claim(
+            text,
+            "Fig. 8",
+            {
+                name: Verdict(sign * (one - other) > _TELLING * abs(other), f"{one:.3g} against {other:.3g}{unit}")
+                for name, other in others.items()
+            },
+        )
+
+    return [
+        claim("SSA: smaller minimum distance", lambda trace: float(trace.distance.min()), " m", -1),
+        claim("SSA: active for longer", lambda trace: float(trace.intervened.sum() * trace.dt), " s", +1),
+        claim("SSA: the jerk saturates more often", lambda trace: saturation(trace, limits), "", +1),
+        claim("SSA: the distance fluctuates more (mean |D̈|)", _fluctuation, " m/s²", +1),
+    ]
+
+
+def _fluctuation(trace: Trace) -> float:
+    return float(np.abs(trace.acceleration_of_distance).mean())
+
+
+# ---- handover, Fig. 10 -------------------------------------------------------------------------------
+
+
+def handover_claims(runs: Mapping[str, Delivery], d_min: float) -> list[Claim]:
+    """What section 4.4 says about Fig. 10.
+
+    Args:
+        runs: By shield, the published one first.
+        d_min: The margin [m].
+    """
+
+    def claim(text: str, judge: Callable[[Delivery], Verdict]) -> Claim:
+        return Claim(text, "Fig. 10", {name: judge(run) for name, run in runs.items()})
+
+    def margin(run: Delivery) -> Verdict:
+        least = float(run.trace.distance.min())
+        return Verdict(least > d_min, f"{least:.3f} m")
+
+    def replans(run: Delivery) -> Verdict:
+        beside = run.trace.intervened & (run.trace.time >= BEGIN)
+        count = int(run.replans.sum())
+        return Verdict(bool(beside.any()) and count > 0, f"{count}, active for {beside.sum() * run.trace.dt:.2f} s")
+
+    def yields(run: Delivery) -> Verdict:
+        error = run.error[run.trace.time >= BEGIN]
+        back = float((error - np.minimum.accumulate(error)).max())
+        return Verdict(back > 0.01, f"by {back:.2f} m")
+
+    def arrives(run: Delivery) -> Verdict:
+        left = float(run.error[-1])
+        return Verdict(left < ARRIVED, f"{left:.3f} m from it")
+
+    return [
+        claim("the distance stays above d_min", margin),
+        claim("replans go along with the shield's activity", replans),
+        claim("the arm moves away from the goal meanwhile", yields),
+        claim("it reaches the goal in the end", arrives),
+    ]
+
+
+# ---- sensitivity, Table 1 ----------------------------------------------------------------------------
+
+Grid = Mapping[tuple[float, float], Measures]
+"""Measures by (λ₁, λ₂)."""
+
+_TRENDS: tuple[tuple[str, int, str, int], ...] = (
+    ("λ₁ up: active for longer", 0, "active_duration", +1),
+    ("λ₁ up: triggered earlier", 0, "first_trigger", -1),
+    ("λ₁ up: the last trigger is later", 0, "last_trigger", +1),
+    ("λ₁ up: larger minimum distance", 0, "min_distance", +1),
+    ("λ₂ up: smaller minimum distance", 1, "min_distance", -1),
+    ("λ₂ up: lower mean acceleration", 1, "mean_acceleration", -1),
+    ("λ₂ up: triggered later", 1, "first_trigger", +1),
+)
+"""What section 4.2 says about Table 1: text, which λ grows, which measure changes, and whether it grows or falls."""
+
+
+def sensitivity_claims(tables: Mapping[str, Grid]) -> list[Claim]:
+    """What section 4.2 says about Table 1, for the paper's own numbers and for others.
+
+    A trend is judged along each line of the table, from its smallest to its largest λ. It holds if it is seen in one
+    line at least and no line goes the other way; a time counts as changed from one step on, the rest from 1 % on.
+
+    Args:
+        tables: By shield, the published one first.
+    """
+    every = {PAPER: paper.TABLE1, **tables}
+    return [
+        Claim(text, "Table 1", {name: _trend(table, axis, measure, sign) for name, table in every.items()})
+        for text, axis, measure, sign in _TRENDS
+    ]
+
+
+def _trend(table: Grid, axis: int, measure: str, sign: int) -> Verdict:
+    values = sorted({key[axis] for key in table})
+    others = sorted({key[1 - axis] for key in table})
+    along, against = 0, 0
+    for other in others:
+        low, high = (
+            getattr(table[(value, other) if axis == 0 else (other, value)], measure)
+            for value in (values[0], values[-1])
+        )
+        change = 0.0 if low is None or high is None else sign * (high - low)
+        least = 1e-9 if measure.endswith("trigger") else _TELLING * abs(low or 0.0)
+        along, against = along + (change > least), against + (change < -least)
+    return Verdict(
+        along > 0 and against == 0, f"{along} of {len(others)}" + (f", {against} against" if against else "")
+    )

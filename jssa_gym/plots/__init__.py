@@ -1,0 +1,23 @@
+"""Figures and films; they need the extra ``plots``."""
+
+from jssa_gym.plots.backend import require
+from jssa_gym.plots.campaigns import Curve, degradation
+from jssa_gym.plots.episodes import gauge, label, profile, write_film
+from jssa_gym.plots.handover import Tracking, handovers
+from jssa_gym.plots.portrait import portraits, shifts
+from jssa_gym.plots.sensitivity import sensitivity
+
+__all__ = [
+    "Curve",
+    "Tracking",
+    "degradation",
+    "gauge",
+    "handovers",
+    "label",
+    "portraits",
+    "profile",
+    "require",
+    "sensitivity",
+    "shifts",
+    "write_film",
+]
