@@ -46,7 +46,7 @@ def check_metrics(path):
     assert [summary["name"] for summary in summaries] == ["no shield", "as published", "JSSAShield"]
     for summary in summaries:
         assert list(summary) == list(Summary.__dataclass_fields__)
-        assert summary["steps"] == 50
+        assert summary["ep_len"] == 50
     assert summaries[0]["shield_p50"] is None
     assert all(summary["shield_p50"] > 0.0 for summary in summaries[1:])
     return summaries
