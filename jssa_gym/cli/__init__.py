@@ -6,14 +6,20 @@ from typing import Annotated
 import tyro
 
 from jssa_gym.cli.bench import Bench
+from jssa_gym.cli.compare import Compare
 from jssa_gym.cli.demo import Demo
+from jssa_gym.cli.evaluate import Evaluate
+from jssa_gym.cli.replay import Replay
 from jssa_gym.cli.stress import Stress
 from jssa_gym.exceptions import JSSAGymError
 
 Command = Annotated[
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
-    | Annotated[Stress, tyro.conf.subcommand("stress")],
+    | Annotated[Stress, tyro.conf.subcommand("stress")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Compare, tyro.conf.subcommand("compare")]
+    | Annotated[Replay, tyro.conf.subcommand("replay")],
     tyro.conf.arg(name=""),
 ]
 

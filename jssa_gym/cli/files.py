@@ -1,8 +1,11 @@
 """Results on disk: complete, or not there."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
+
+from jssa_gym.exceptions import ParameterError
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -10,3 +13,17 @@ def write_json(path: Path, data: Any) -> None:
     unfinished = path.with_suffix(path.suffix + ".part")
     unfinished.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n")
     unfinished.replace(path)
+
+
+def writable_folder(path: Path) -> None:
+    """Make a folder for results, if there is none.
+
+    Raises:
+        ParameterError: Nothing can be written there.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ParameterError(f"cannot write to {path}: {error.strerror}") from error
+    if not os.access(path, os.W_OK):
+        raise ParameterError(f"cannot write to {path}: it is read-only")

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from jssa_gym import plots
+from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import CONTENDERS
@@ -112,11 +112,7 @@ class Stress:
     def _play(self, ledger: Ledger[Campaign, Episode], jobs: int, console: Console) -> None:
         chunks = ledger.chunks(_CHUNK)
         left, moving = sum(len(chunk.seeds) for chunk in chunks), 0
-        columns = (
-            *(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()),
-            *(TimeElapsedColumn(), TimeRemainingColumn()),
-        )
-        with Progress(*columns, console=console, transient=True) as progress:
+        with episodes_bar(console) as progress:
             task = progress.add_task("episodes", total=left + len(ledger.episodes), completed=len(ledger.episodes))
 
             def done(episodes: list[Episode]) -> None:

@@ -1,6 +1,5 @@
 """Episodes, what they recorded, numbers about them, and a second judge."""
 
-from jssa_gym.evaluation.evaluate import evaluate
 from jssa_gym.evaluation.geometry import Geometry, geometry
 from jssa_gym.evaluation.metrics import SeparationParams, Summary, summarise
 from jssa_gym.evaluation.plans import Study, make_policy, put_filter
@@ -8,6 +7,7 @@ from jssa_gym.evaluation.record import RecordSafety
 from jssa_gym.evaluation.replay import judge
 from jssa_gym.evaluation.report import Report
 from jssa_gym.evaluation.rollout import rollout
+from jssa_gym.evaluation.runner import evaluate
 from jssa_gym.evaluation.statistics import (
     Mean,
     PairedDifference,

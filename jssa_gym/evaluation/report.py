@@ -26,7 +26,7 @@ class Report:
 
     setting: Setting
     episodes: tuple[Scored, ...]
-    """In the order of their seeds."""
+    """In the order of settings and seeds."""
     rates: dict[str, Rate]
     """Of the yes-or-no metrics, by :attr:`~jssa_gym.evaluation.fields.Metric.over_episodes`."""
     means: dict[str, Mean]
@@ -37,16 +37,24 @@ class Report:
     """Seeds among them that went otherwise when they were played again: something draws without a seed."""
 
     @classmethod
-    def of(cls, episodes: Sequence[Scored]) -> "Report":
-        """The report about episodes of one setting, at least one."""
-        ordered = tuple(sorted(episodes, key=lambda episode: episode.seed))
+    def of(cls, episodes: Sequence[Scored], setting: Setting | None = None) -> "Report":
+        """The report about some episodes, at least one.
+
+        Args:
+            episodes: Of one setting, or of what has something in common.
+            setting: What they have in common; None for the first one's setting.
+        """
+        ordered = tuple(sorted(episodes, key=lambda episode: (episode.cell, episode.seed)))
         yes = [metric for metric in METRICS if metric.yes_or_no]
         numbers = [metric for metric in METRICS if not metric.yes_or_no]
         rates = {metric.over_episodes: Rate.of(int(column(ordered, metric.name).sum()), len(ordered)) for metric in yes}
         values = np.stack([column(ordered, metric.name) for metric in numbers], axis=1)
         found = zip(numbers, means(values), strict=True)
         return cls(
-            ordered[0].cell, ordered, rates, {metric.over_episodes: mean for metric, mean in found if mean is not None}
+            setting or ordered[0].cell,
+            ordered,
+            rates,
+            {metric.over_episodes: mean for metric, mean in found if mean is not None},
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Episodes of an evaluation: played and recorded, put into numbers."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from jssa_gym.evaluation.metrics import Summary, summarise
 from jssa_gym.evaluation.plans import Setting, Single, Study, make_policy
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.trace import save_trace
-from jssa_gym.exceptions import InterfaceError
+from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.types import Trace
 
 AnyStudy = Study | Single
@@ -114,6 +115,23 @@ def record(chunk: Chunk[AnyStudy, Setting]) -> list[tuple[Path, str]]:
 
 
 def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str, Any]:
-    """Where a recording comes from; :func:`replayed` reads it."""
+    """Where a recording comes from, for :func:`played_again`."""
     named = isinstance(plan, Study)
     return {**setting._asdict(), "seed": seed, "steps": plan.steps, "digest": told, "named": named}
+
+
+def played_again(meta: Mapping[str, Any]) -> Trace:
+    """Play a recorded episode anew from what its recording says of itself.
+
+    Raises:
+        ParameterError: It does not say enough: only episodes made of names can be made again.
+    """
+    if meta.get("named") is not True:
+        raise ParameterError("only episodes of `jssa-gym evaluate` and `jssa-gym compare` can be played again")
+    try:
+        task, filter, human, policy = setting = Setting(*(str(meta[name]) for name in Setting._fields))
+        seed, steps = int(meta["seed"]), int(meta["steps"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ParameterError(f"the recording does not say how it came about: {error} is missing or wrong") from error
+    plan = Study((task,), (filter,), (human,), (policy,), steps=steps)
+    return Stage(plan, setting).record(seed)
