@@ -56,7 +56,7 @@ class Replay:
         agrees = True
         if self.verify:
             verdict = judge(trace, robot)
-            agrees = verdict.agrees
+            agrees = verdict.same_course
             _tell(verdict, console)
         if self.again:
             same = _same(trace, played_again(meta))
@@ -96,7 +96,7 @@ class Replay:
 
 
 def _tell(verdict: Verdict, console: Console) -> None:
-    word = "agrees" if verdict.agrees else "DISAGREES"
+    word = "agrees" if verdict.same_course else "DISAGREES"
     console.print(
         f"MuJoCo {word} at {verdict.samples} moments: smallest distance {verdict.distance:.4g} m, "
         f"{len(verdict.contacts)} contacts, {sum(contact.moving for contact in verdict.contacts)} of them with the arm "
@@ -104,7 +104,8 @@ def _tell(verdict: Verdict, console: Console) -> None:
     )
     console.print(
         f"largest disagreements: distance {verdict.distance_error:.1e} m, contact at {verdict.contact_error} steps, "
-        f"contact speed {verdict.speed_error:.1e} m/s, joint state {verdict.state_error:.1e} of the limits"
+        f"joint state {verdict.state_error:.1e} of the limits; contact speed {verdict.speed_error:.1e} m/s, which "
+        "counts for nothing where capsules are deep inside each other"
     )
     for contact in verdict.contacts[:10]:
         console.print(

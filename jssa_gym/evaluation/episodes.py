@@ -189,10 +189,7 @@ class Arena:
         return replace(
             episode,
             judged=True,
-            # where axes cross deep inside each other no touching point is the right one: speeds are not compared
-            agrees=same
-            and verdict.contact_error == 0
-            and max(verdict.distance_error, verdict.state_error) <= verdict.tolerance,
+            agrees=same and verdict.same_course,
             judged_speed=verdict.contact_speed,
             judged_excess=max(verdict.excess),
             overlaps=len(verdict.self_collisions) + len(verdict.plane_collisions),

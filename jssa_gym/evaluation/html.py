@@ -17,7 +17,7 @@ from jssa_gym.evaluation.svg import Panel, colour, dashes
 
 _STYLE = """
 :root { color-scheme: light; }
-body { font: 15px/1.45 system-ui, sans-serif; color: #1d2125; background: #fff; margin: 2rem auto; max-width: 1180px;
+body { font: 15px/1.45 system-ui, sans-serif; color: #1d2125; background: #fff; margin: 2rem auto; max-width: 1500px;
   padding: 0 1rem; }
 h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
 p.note { color: #4a5157; max-width: 75ch; }
@@ -155,16 +155,19 @@ def _shift(mean: Mean | None) -> str:
 
 
 def _tradeoff(ranked: Sequence[Standing], number: dict[str, int]) -> str:
-    panel = Panel((0.0, 1.0), (0.0, 1.0), "success rate", "share of episodes without collision")
-    for one in ranked:
-        reached, met = one.pooled.rates["success_rate"], one.pooled.rates["collision_rate"]
-        panel.cross(
-            (reached.value, reached.low, reached.high),
-            (1.0 - met.value, 1.0 - met.high, 1.0 - met.low),
-            number[one.filter],
-            f"{one.filter}: success {reached}, collision {met}",
-        )
-    return f"<figure>{panel}<figcaption>Up and to the right is better; 95 % intervals.</figcaption></figure>"
+    figures = []
+    for bad, what in (("moving_contact_rate", "contact with the arm moving"), ("collision_rate", "any contact")):
+        panel = Panel((0.0, 1.0), (0.0, 1.0), "success rate", f"share without {what}")
+        for one in ranked:
+            reached, met = one.pooled.rates["success_rate"], one.pooled.rates[bad]
+            panel.cross(
+                (reached.value, reached.low, reached.high),
+                (1.0 - met.value, 1.0 - met.high, 1.0 - met.low),
+                number[one.filter],
+                f"{one.filter}: success {reached}, {what} {met}",
+            )
+        figures.append(f"<figure>{panel}<figcaption>Without {what}. Up and right is better.</figcaption></figure>")
+    return "".join(figures)
 
 
 def _profiles(ranked: Sequence[Standing], number: dict[str, int]) -> str:
@@ -248,8 +251,8 @@ def _definitions(v_safe: float, separation: SeparationParams) -> str:
     stated = (
         f"v_safe = {v_safe:g} m/s. Speed and separation monitoring with v_h = {speed}, T_r = "
         f"{separation.reaction_time:g} s, C = {separation.intrusion:g} m, Z = {separation.uncertainty:g} m; T_s and "
-        "S_s are those of the jerk-limited stop. Decision times are those of the machine that ran this, and of all that "
-        "ran beside it."
+        "S_s are those of the jerk-limited stop. Decision times are those of the machine that ran this, and of "
+        "all that ran beside it."
     )
     rows = [[escape(metric.name), escape(metric.unit), escape(metric.text)] for metric in METRICS]
     table = _table(["metric", "unit", "definition"], rows, text=3).replace(

@@ -32,7 +32,7 @@ class Standing:
 
 
 def standings(reports: Sequence[Report]) -> list[Standing]:
-    """Filters in the order of their rates of success and safety, the best first.
+    """Filters, the best first: by success and safety, then by the fewest moving contacts and the fewest contacts.
 
     Args:
         reports: A report a setting; every filter with the same tasks, people, policies and seeds.
@@ -70,7 +70,12 @@ def standings(reports: Sequence[Report]) -> list[Standing]:
                 {metric: mean for metric, mean in differences.items() if mean is not None},
             )
         )
-    return sorted(found, key=lambda one: -one.pooled.rates["success_and_safe_rate"].k)
+    return sorted(found, key=_rank)
+
+
+def _rank(one: Standing) -> tuple[int, int, int]:
+    rates = one.pooled.rates
+    return -rates["success_and_safe_rate"].k, rates["moving_contact_rate"].k, rates["collision_rate"].k
 
 
 def _trial(episode: Scored) -> tuple[str, str, str, int]:

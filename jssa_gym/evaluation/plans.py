@@ -138,9 +138,9 @@ class Study:
             _factory(policy)
 
     def seeds(self) -> dict[Setting, list[int]]:
-        """Seeds of every setting, the same for the same task and people."""
+        """Seeds of every setting: the same for all filters, others for everything else."""
         settings = (Setting(t, f, h, p) for t, h, p, f in product(self.tasks, self.humans, self.policies, self.filters))
-        return paired_seeds(((one, (one.task, one.human), self.episodes) for one in settings), self.seed)
+        return paired_seeds(((one, (one.task, one.human, one.policy), self.episodes) for one in settings), self.seed)
 
     def config(self) -> dict[str, Any]:
         """All that decides about the results, as JSON can hold it."""

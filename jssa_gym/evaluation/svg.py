@@ -137,5 +137,6 @@ class Panel:
 
 
 def _range(ends: tuple[float, float]) -> tuple[float, float]:
+    """The ends, which may fall, apart from each other."""
     low, high = ends
-    return (low, high) if high - low > 1e-9 * max(abs(low), abs(high), 1e-9) else (low - 0.5, low + 0.5)
+    return (low, high) if abs(high - low) > 1e-9 * max(abs(low), abs(high), 1e-9) else (low - 0.5, low + 0.5)
