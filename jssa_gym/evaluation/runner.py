@@ -145,10 +145,12 @@ def _with_worst(ledger: Ledger[Any, Scored], reports: Sequence[Report], keep: in
         for setting, episodes in chosen.items()
     }
     saved: dict[Path, str] = {}
+    # a process takes seconds to start: a few episodes are played here
+    count = sum(len(some) for some in missing.values())
     run(
         record,
         [Chunk(ledger.plan, setting, some, ledger.traces) for setting, some in missing.items() if some],
-        jobs,
+        jobs if count >= _CHUNK * jobs else 1,
         saved.update,
     )
     return [
