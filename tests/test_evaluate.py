@@ -4,6 +4,8 @@ import csv
 import dataclasses
 import json
 import os
+import re
+import runpy
 import signal
 import subprocess
 import sys
@@ -526,3 +528,29 @@ def test_saved_recordings_and_records_agree_with_reports(tmp_path):
     save_trace(trace, tmp_path / "x.npz")
     assert load_trace(tmp_path / "x.npz").ended == "running"
     assert len(env.recent) == 0
+
+
+# ---- documentation -----------------------------------------------------------------------------------
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+def test_the_tables_of_metrics_are_made_from_the_code():
+    make = runpy.run_path(str(DOCS / "make_metrics.py"))
+    text = (DOCS / "metrics.md").read_text()
+    assert make["filled"](text) == text, "run docs/make_metrics.py"
+    for metric in METRICS:
+        assert f"| `{metric.name}` |" in text
+
+
+@pytest.mark.parametrize("block", range(2))
+def test_the_page_on_evaluation_runs(block):
+    source = re.findall(r"```python\n(.*?)```", (DOCS / "evaluation.md").read_text(), flags=re.DOTALL)[block]
+    exec(compile(source.replace("episodes=100", "episodes=1"), f"evaluation.md {block}", "exec"), {"__name__": "docs"})
+
+
+def test_the_numbers_of_the_page_on_intervals_are_right():
+    text = (DOCS / "evaluation.md").read_text()
+    assert str(Rate.of(3, 200)) in text
+    assert str(Rate.of(0, 200)) in text
+    assert Rate.of(0, 3700).high < 1e-3 < Rate.of(0, 3600).high

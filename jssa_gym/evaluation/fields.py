@@ -1,6 +1,6 @@
 """Metrics as fields of dataclasses: unit and definition are written once, beside the name."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -39,3 +39,13 @@ def metrics_of(summary: type[Any]) -> Iterator[Metric]:
         kind, says = get_args(hint)
         name = says.over_episodes or (f"{field.name}_rate" if kind is bool else field.name)
         yield Metric(field.name, says.unit, says.text, name, kind is bool, kind not in (bool, int, float))
+
+
+def markdown(metrics: Iterable[Metric]) -> str:
+    """Metrics as a table in Markdown."""
+    lines = ["| metric | unit | definition | over episodes |", "|---|---|---|---|"]
+    for metric in metrics:
+        told = "k of n" if metric.yes_or_no else "mean"
+        name = "" if metric.over_episodes == metric.name else f", `{metric.over_episodes}`"
+        lines.append(f"| `{metric.name}` | {metric.unit} | {metric.text} | {told}{name} |")
+    return "\n".join(lines)
