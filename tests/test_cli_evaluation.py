@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import sys
 
 import numpy as np
 import pytest
@@ -49,6 +50,18 @@ def test_evaluate_prints_a_table(tmp_path, capsys):
         assert word in text
     # nobody there: no distance to tell of
     assert "min_distance" not in text
+
+
+def test_a_policy_of_the_working_directory_is_found(tmp_path, monkeypatch, capsys):
+    (tmp_path / "my_policies.py").write_text("def still(env, seed):\n    return lambda observation: [0.0] * 6\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", list(sys.path))
+    command = Evaluate(policy="my_policies:still", episodes=1, seconds=0.2, keep=1, filter="none", json=True)
+    command.run()
+    told = json.loads(capsys.readouterr().out)
+    assert told["means"]["path_length"]["value"] == 0.0
+    Replay(tmp_path / told["traces"][0], figure=False, video=False, again=True).run()
+    assert "the same bit for bit" in capsys.readouterr().out
 
 
 def test_an_interrupt_says_how_to_go_on(tmp_path, monkeypatch, capsys):

@@ -11,6 +11,7 @@ import pytest
 import jssa_gym
 from jssa_gym.cli.demo import paper_scene
 from jssa_gym.evaluation import Summary, rollout, summarise
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Status, Trace
@@ -173,6 +174,13 @@ def test_an_intervention_in_the_first_step_began_at_zero():
     active = np.array([True, False, True, False, False, True])
     summary = summarise(tiny(intervened=active), LIMITS)
     assert (summary.first_trigger, summary.last_trigger, summary.n_activations) == (0.0, 2.5, 3)
+
+
+def test_repeated_actions_are_not_summarised():
+    env = jssa_gym.ActionRepeat(gym.make("jssa_gym/Home-v0", terminate_on=()), 3)
+    trace = rollout(env, lambda _: np.zeros(6), seed=0, steps=4)
+    with pytest.raises(ParameterError, match="one control step apart"):
+        summarise(trace, env.unwrapped.robot.limits)
 
 
 def test_fields_of_a_summary_have_plain_types():

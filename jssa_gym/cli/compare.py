@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from jssa_gym.cli.evaluate import play, ticks
+from jssa_gym.cli.evaluate import find_policies_here, play, ticks
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.html import write_page
 from jssa_gym.evaluation.leaderboard import Standing, standings
@@ -50,6 +50,7 @@ class Compare:
 
     def run(self) -> None:
         """Play, write the page, print."""
+        find_policies_here()
         study = Study(
             tuple(dict.fromkeys(self.tasks)),
             tuple(dict.fromkeys(self.filters)),

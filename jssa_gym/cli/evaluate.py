@@ -1,6 +1,7 @@
 """``jssa-gym evaluate``: a policy under a filter beside people, in numbers."""
 
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +26,12 @@ def ticks(seconds: float) -> int:
     if not 0.1 <= seconds <= 600.0:
         raise ParameterError(f"seconds has to be between 0.1 and 600, got {seconds}")
     return round(seconds / DT)
+
+
+def find_policies_here() -> None:
+    """Let ``module:factory`` name a module of the working directory, as ``python -m`` does."""
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
 
 
 def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
@@ -83,6 +90,7 @@ class Evaluate:
 
     def run(self) -> None:
         """Play, print."""
+        find_policies_here()
         study = Study(
             (self.task,),
             (self.filter,),

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from jssa_gym import plots
+from jssa_gym.cli.evaluate import find_policies_here
 from jssa_gym.cli.files import writable_folder
 from jssa_gym.cli.film import EVERY, film, pictures
 from jssa_gym.evaluation.replay import judge
@@ -59,6 +60,7 @@ class Replay:
             agrees = verdict.same_course
             _tell(verdict, console)
         if self.again:
+            find_policies_here()
             same = _same(trace, played_again(meta))
             agrees = agrees and same
             console.print(

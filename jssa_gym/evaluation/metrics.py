@@ -12,6 +12,8 @@ from jssa_gym.evaluation.events import spans
 from jssa_gym.evaluation.fields import Says
 from jssa_gym.evaluation.geometry import Geometry
 from jssa_gym.evaluation.steps import DEBOUNCE, Steps, StepSummary, summarise_steps
+from jssa_gym.evaluation.trace import every_step
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import JointLimits
 from jssa_gym.shields.filter import OUTSIDE
 from jssa_gym.types import Array, Status, Trace
@@ -113,9 +115,14 @@ def summarise(
         separation: Parameters of ``ssm_margin`` and its kin; None for the defaults.
 
     Raises:
-        ParameterError: ``v_safe`` is negative.
+        ParameterError: ``v_safe`` is negative, or the rows are not one control step apart.
     """
     v_safe = number_within("v_safe", v_safe, 0.0)
+    if not every_step(trace):
+        raise ParameterError(
+            "the rows of the episode are not one control step apart; a policy that acts more slowly has to repeat its "
+            "actions itself, without ActionRepeat"
+        )
     steps = summarise_steps(steps_of(trace), v_safe)
     low, high = limits.position.T
     slack = _ROUNDING * (high - low)

@@ -172,6 +172,11 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return header, arrays
 
 
+def every_step(trace: Trace) -> bool:
+    """Whether the rows are one control step apart, from the first step on: not so with repeated actions."""
+    return bool(np.allclose(trace.time, trace.dt * np.arange(1, len(trace.time) + 1), rtol=0.0, atol=1e-9))
+
+
 def _check(trace: Trace) -> None:
     """Types and shapes of everything.
 
