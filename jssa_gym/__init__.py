@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from jssa_gym.envs.faults import FAULTS, SensorFaults
     from jssa_gym.envs.repeat import ActionRepeat
     from jssa_gym.envs.sensor import SensorModel
+    from jssa_gym.evaluation import RecordSafety, Report, evaluate
     from jssa_gym.humans import HUMANS, HumanMotion
     from jssa_gym.policies import HoldPolicy, JPCPolicy, RandomPolicy
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
@@ -47,6 +48,8 @@ _HOMES = {
     "JointState": "jssa_gym.types",
     "ROBOTS": "jssa_gym.robots",
     "RandomPolicy": "jssa_gym.policies",
+    "RecordSafety": "jssa_gym.evaluation",
+    "Report": "jssa_gym.evaluation",
     "RobotModel": "jssa_gym.robots",
     "SafetyFilter": "jssa_gym.shields",
     "Scene": "jssa_gym.types",
@@ -54,6 +57,7 @@ _HOMES = {
     "SensorModel": "jssa_gym.envs.sensor",
     "Shield": "jssa_gym.shields",
     "Status": "jssa_gym.types",
+    "evaluate": "jssa_gym.evaluation",
     "make_filter": "jssa_gym.shields",
 }
 
@@ -77,6 +81,8 @@ __all__ = [
     "JointLimits",
     "JointState",
     "RandomPolicy",
+    "RecordSafety",
+    "Report",
     "RobotModel",
     "SafetyFilter",
     "Scene",
@@ -85,6 +91,7 @@ __all__ = [
     "Shield",
     "Status",
     "__version__",
+    "evaluate",
     "make_filter",
 ]
 

@@ -133,6 +133,14 @@ class Trace:
     """Name of the robot's model."""
     dynamics: str
     """``"kinematic"`` or ``"servo"``; with servos the distances are the simulated arm's, the states the commanded."""
+    task: str
+    """Name of the task; empty without one."""
+    holds: bool
+    """Whether the task is to hold a goal, which success never ends."""
+    d_min: float
+    """Distance below which the environment counts a cost [m]."""
+    ended: str
+    """``"terminated"``, ``"truncated"``, or ``"running"`` if the recording stopped before the episode did."""
     mount: Array
     """Where the robot stands, shape (3,) [m]."""
     initial_state: Array
@@ -162,6 +170,14 @@ class Trace:
     """Applied, shape (T, n) [rad/s³]."""
     nominal: Array
     """Asked for by the policy, shape (T, n) [rad/s³]."""
+    goal: Array
+    """The task's goal, shape (T, g) [rad or m]."""
+    reward: Array
+    """Shape (T,)."""
+    success: NDArray[np.bool_]
+    """Whether the goal is met, shape (T,)."""
+    limit_violation: NDArray[np.bool_]
+    """Whether a joint limit is exceeded by more than rounding, shape (T,)."""
     distance: Array
     """Smallest robot-human surface distance, shape (T,) [m]."""
     speed: Array
@@ -180,8 +196,12 @@ class Trace:
     """Why the shield's jerk is not the nominal, shape (T,); empty strings without a shield."""
     intervened: NDArray[np.bool_]
     """Shape (T,)."""
+    correction: Array
+    """Largest change of a joint's jerk by the shield, in jerk bounds, shape (T,); NaN without a shield."""
     phi: Array
     """Shape (T,) [m²]; NaN without a shield."""
+    slack: Array
+    """Largest violation of the shield's rows by the jerk, shape (T,) [m²]; NaN without a shield."""
     shield_time: Array
     """Wall-clock time of the shield's decision, shape (T,) [s]; NaN without a shield."""
     human_start: Array

@@ -25,10 +25,11 @@ from jssa_gym.evaluation.contenders import (
     shielded,
     within_assumptions,
 )
-from jssa_gym.evaluation.episodes import Arena, digest, drawn, excess, play, run
+from jssa_gym.evaluation.episodes import Arena, Episode, digest, drawn, excess, play
 from jssa_gym.evaluation.ledger import Ledger, source_hash
 from jssa_gym.evaluation.tally import tally
 from jssa_gym.evaluation.trace import load_trace, read_meta
+from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import make_human
 from jssa_gym.policies import POLICIES
@@ -47,8 +48,8 @@ def kept(episode):
 def finished(tmp_path_factory):
     """A finished campaign's folder, and its episodes."""
     folder = tmp_path_factory.mktemp("campaign") / "tiny"
-    ledger = Ledger(folder, TINY, "1")
-    run(ledger.chunks(10), 1, ledger.append)
+    ledger = Ledger(folder, TINY, Episode, "1")
+    run(play, ledger.chunks(10), 1, ledger.append)
     return folder, ledger.episodes
 
 
@@ -72,7 +73,7 @@ def test_a_campaign_plays_every_combination_and_the_unshielded_arm_collides(fini
 
 def test_what_is_on_disk_is_what_was_played(finished):
     folder, episodes = finished
-    again = Ledger(folder, TINY, "1")
+    again = Ledger(folder, TINY, Episode, "1")
     assert again.episodes == episodes
     assert again.chunks(10) == []
     config = json.loads((folder / "campaign.json").read_text())
@@ -87,25 +88,25 @@ def test_a_campaign_goes_on_after_a_crash_in_the_middle_of_a_line(finished, tmp_
     whole = table.read_bytes()
     last = whole.rstrip(b"\n").rfind(b"\n") + 1
     table.write_bytes(whole[: (last + len(whole)) // 2])
-    ledger = Ledger(tmp_path / "cut", TINY, "1")
+    ledger = Ledger(tmp_path / "cut", TINY, Episode, "1")
     assert ledger.episodes == episodes[:-1]
     assert table.read_bytes() == whole[:last]
     (chunk,) = ledger.chunks(10)
     assert (chunk.cell, list(chunk.seeds)) == (episodes[-1].cell, [episodes[-1].seed])
-    run([chunk], 1, ledger.append)
+    run(play, [chunk], 1, ledger.append)
     assert [kept(e) for e in ledger.episodes] == [kept(e) for e in episodes]
-    assert Ledger(tmp_path / "cut", TINY, "1").chunks(10) == []
+    assert Ledger(tmp_path / "cut", TINY, Episode, "1").chunks(10) == []
     # not even the header was finished
     table.write_bytes(whole[:20])
-    ledger = Ledger(tmp_path / "cut", TINY, "1")
+    ledger = Ledger(tmp_path / "cut", TINY, Episode, "1")
     assert (ledger.episodes, len(ledger.chunks(1))) == ([], 8)
     ledger.append(episodes)
     assert table.read_bytes() == whole
 
 
 def test_two_processes_play_the_same_as_one(finished, tmp_path):
-    ledger = Ledger(tmp_path / "two", TINY, "1")
-    run(ledger.chunks(1), 2, ledger.append)
+    ledger = Ledger(tmp_path / "two", TINY, Episode, "1")
+    run(play, ledger.chunks(1), 2, ledger.append)
     assert [kept(e) for e in ledger.ordered()] == [kept(e) for e in finished[1]]
     assert len({e.digest for e in ledger.episodes}) == 8
 
@@ -122,14 +123,14 @@ def test_a_folder_of_another_campaign_is_refused(finished, field):
     campaign = replace(TINY, **{field: other[field]}) if field in other else TINY
     before = (finished[0] / "episodes.csv").read_bytes()
     with pytest.raises(ParameterError, match=f"other {field}"):
-        Ledger(finished[0], campaign, "1" if field in other else "2")
+        Ledger(finished[0], campaign, Episode, "1" if field in other else "2")
     assert (finished[0] / "episodes.csv").read_bytes() == before
 
 
 def test_other_code_is_refused(finished, monkeypatch):
     monkeypatch.setattr("jssa_gym.evaluation.ledger.source_hash", lambda: "other")
     with pytest.raises(ParameterError, match="other source"):
-        Ledger(finished[0], TINY, "1")
+        Ledger(finished[0], TINY, Episode, "1")
 
 
 @pytest.mark.parametrize(
@@ -148,18 +149,18 @@ def test_a_damaged_folder_is_refused(finished, tmp_path, name, content, message)
     text = path.read_text()
     path.write_text(text + content[1:] if content.startswith("+") else content)
     with pytest.raises(ParameterError, match=message):
-        Ledger(tmp_path / "bad", TINY, "1")
+        Ledger(tmp_path / "bad", TINY, Episode, "1")
 
 
 def test_a_table_without_a_campaign_is_refused(tmp_path):
     (tmp_path / "episodes.csv").write_text("mine\n")
     with pytest.raises(ParameterError, match="belongs to no campaign"):
-        Ledger(tmp_path, TINY, "1")
+        Ledger(tmp_path, TINY, Episode, "1")
     assert [path.name for path in tmp_path.iterdir()] == ["episodes.csv"]
 
 
 def test_an_interrupt_leaves_what_was_played(finished, tmp_path):
-    ledger, seen = Ledger(tmp_path, TINY, "1"), []
+    ledger, seen = Ledger(tmp_path, TINY, Episode, "1"), []
 
     def interrupted(episodes):
         ledger.append(episodes)
@@ -168,8 +169,8 @@ def test_an_interrupt_leaves_what_was_played(finished, tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(ledger.chunks(1), 1, interrupted)
-    again = Ledger(tmp_path, TINY, "1")
+        run(play, ledger.chunks(1), 1, interrupted)
+    again = Ledger(tmp_path, TINY, Episode, "1")
     assert again.episodes == seen
     assert sum(len(chunk.seeds) for chunk in again.chunks(3)) == 6
 
@@ -315,15 +316,15 @@ def test_a_missing_guard_shows_and_the_whole_shield_stands_the_same_episode(name
 def test_a_disagreement_is_counted_and_its_recording_kept(tmp_path, monkeypatch):
     monkeypatch.setattr("jssa_gym.evaluation.episodes.digest", lambda *arrays: str(np.random.default_rng().random()))
     campaign = Campaign((Grid(("full",), ("hand",), ("wander",), episodes=3),), steps=20, judge=1.0)
-    ledger = Ledger(tmp_path, campaign, "1")
-    run(ledger.chunks(5), 1, ledger.append)
+    ledger = Ledger(tmp_path, campaign, Episode, "1")
+    run(play, ledger.chunks(5), 1, ledger.append)
     assert all(e.judged and not e.agrees and e.broken for e in ledger.episodes)
     files = {e.trace_name for e in ledger.episodes}
     assert {path.name for path in ledger.traces.iterdir()} == files
     trace = load_trace(ledger.traces / ledger.episodes[0].trace_name)
     assert len(trace.time) == 20
     assert read_meta(ledger.traces / ledger.episodes[0].trace_name)["seed"] == ledger.episodes[0].seed
-    ledger.keep_worst(1)
+    ledger.keep_worst(ledger.episodes, 1)
     assert len(list(ledger.traces.iterdir())) == 1
 
 
@@ -441,7 +442,7 @@ def test_a_degradation_has_a_point_a_level(finished):
 
 def test_play_keeps_no_recording_of_what_was_right(tmp_path):
     campaign = Campaign((Grid(("full",), ("hand",), ("wander",), episodes=1),), steps=20, judge=1.0)
-    (chunk,) = Ledger(tmp_path, campaign, "1").chunks(5)
+    (chunk,) = Ledger(tmp_path, campaign, Episode, "1").chunks(5)
     (episode,) = play(chunk)
     assert episode.judged
     assert episode.agrees

@@ -46,7 +46,7 @@ def check_metrics(path):
     assert [summary["name"] for summary in summaries] == ["no shield", "as published", "JSSAShield"]
     for summary in summaries:
         assert list(summary) == list(Summary.__dataclass_fields__)
-        assert summary["steps"] == 50
+        assert summary["ep_len"] == 50
     assert summaries[0]["shield_p50"] is None
     assert all(summary["shield_p50"] > 0.0 for summary in summaries[1:])
     return summaries
@@ -95,6 +95,17 @@ def test_demo_films_and_prints_json(tmp_path):
         (("demo", "--speed", "nan"), "speed"),
         (("bench", "--rounds", "0"), "rounds"),
         (("stress", "--filters", "nope"), "unknown filter"),
+        (("evaluate", "--task", "swim"), "unknown task"),
+        (("evaluate", "--filter", "cdf+stop"), "valid: jssa"),
+        (("evaluate", "--policy", "a.b:c"), "cannot load the policy"),
+        (("evaluate", "--seconds", "nan"), "seconds"),
+        (("evaluate", "--jobs", "0"), "jobs"),
+        (("evaluate", "--keep", "-1"), "keep"),
+        (("evaluate", "--out", "/dev/null/x"), "cannot use"),
+        (("compare", "--humans", "martian"), "unknown human"),
+        (("compare", "--filters"), "no filters"),
+        (("compare", "--episodes", "0"), "episodes"),
+        (("replay", "missing.npz"), "cannot read missing.npz"),
         (("stress", "--humans", "pursuit x9"), "unknown human"),
         (("stress", "--jobs", "0"), "jobs"),
         (("stress", "--seconds", "nan"), "seconds"),

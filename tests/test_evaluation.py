@@ -11,6 +11,7 @@ import pytest
 import jssa_gym
 from jssa_gym.cli.demo import paper_scene
 from jssa_gym.evaluation import Summary, rollout, summarise
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Status, Trace
@@ -27,6 +28,10 @@ def tiny(**changes) -> Trace:
         "dt": 0.5,
         "robot": "two joints",
         "dynamics": "kinematic",
+        "task": "reach",
+        "holds": False,
+        "d_min": 0.15,
+        "ended": "running",
         "mount": np.zeros(3),
         "initial_state": np.zeros((3, 2)),
         "initial_human": np.zeros((2, 1, 3)),
@@ -42,16 +47,22 @@ def tiny(**changes) -> Trace:
         "acceleration": np.zeros((6, 2)),
         "jerk": np.array([[0.0, 0.0], [5.0, -16.0], [-9.0, 2.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]),
         "nominal": np.zeros((6, 2)),
+        "goal": np.zeros((6, 3)),
+        "reward": np.array([1.0, -2.0, -3.0, 0.5, 0.25, 10.0]),
+        "success": np.array([False, False, False, False, True, False]),
+        "limit_violation": np.array([False, False, False, True, True, False]),
         "distance": np.array([0.3, 0.2, -0.01, -0.02, 0.1, 0.2]),
-        "speed": np.zeros(6),
-        "acceleration_of_distance": np.zeros(6),
+        "speed": np.array([-0.1, -0.4, -0.2, 0.0, 0.5, 0.2]),
+        "acceleration_of_distance": np.array([0.0, 1.0, -3.0, 2.0, 0.0, 0.0]),
         "pair": np.zeros((6, 2), np.int64),
         "contact": np.array([False, False, True, True, False, False]),
         "contact_speed": np.array([0.0, 0.0, 5e-4, 2e-3, 0.0, 0.0]),
         "status": np.array([0, 1, 1, 0, 2, 0]),
-        "reason": np.array(["", "rows", "rows", "", "box", ""]),
+        "reason": np.array(["", "rows", "outside the jerk bounds", "", "box", ""]),
         "intervened": np.array([False, True, True, False, True, False]),
-        "phi": np.zeros(6),
+        "correction": np.array([0.0, 0.5, 0.2, 0.0, 0.8, 0.0]),
+        "phi": np.array([-0.1, 0.3, 0.2, -0.2, 0.1, np.nan]),
+        "slack": np.array([0.0, 0.0, 0.0, 0.0, 0.4, np.nan]),
         "shield_time": np.array([np.nan, 1e-5, 2e-5, 3e-5, 4e-5, 5e-5]),
         "human_start": np.zeros((6, 1, 3)),
         "human_end": np.zeros((6, 1, 3)),
@@ -63,22 +74,75 @@ def test_a_summary_by_hand():
     summary = summarise(tiny(), LIMITS)
     assert summary == Summary(
         name="tiny",
-        steps=6,
-        min_distance=-0.02,
+        ep_len=6,
+        ep_return=6.75,
         collision=True,
         moving_contact=True,
         contact_speed=2e-3,
+        n_collision_events=1,
+        n_collisions_critical=1,
+        n_collisions_noncritical=0,
+        collision_steps=2,
+        min_distance=-0.02,
+        # nearer than 0.15 m in the third to the fifth step
+        d_min_violation_rate=0.5,
+        violation_depth=pytest.approx(0.17),
+        time_in_violation=1.5,
+        max_consecutive_violations=3,
+        ep_cost=3.0,
+        limit_violation_rate=pytest.approx(2.0 / 6.0),
+        success=True,
+        success_and_safe=False,
+        time_to_goal=2.5,
+        timeout=False,
+        intervention_rate=0.5,
+        # the third step was only clipped
+        trigger_rate=pytest.approx(2.0 / 6.0),
         # the interventions led to the states at 1.0 s and 2.5 s; they began a step before
         first_trigger=0.5,
         last_trigger=2.0,
         active_duration=1.5,
-        intervention_rate=0.5,
         n_activations=2,
+        # on, off, on, off in 3 s
+        chatter=pytest.approx(4.0 / 3.0),
+        correction_mean=0.5,
+        correction_max=0.8,
+        infeasible_rate=pytest.approx(1.0 / 6.0),
+        relaxed_rate=pytest.approx(1.0 / 6.0),
+        backup_rate=0.0,
+        fault_rate=0.0,
+        phi_max=0.3,
+        phi_violation_rate=0.6,
+        forward_invariance_violations=2,
+        slack_mean=0.08,
+        slack_max=0.4,
+        n_collisions_robot_fault=None,
+        n_collisions_human_fault=None,
+        n_collisions_shared_fault=None,
+        n_collisions_self=None,
+        n_collisions_static=None,
+        # 0.3 / 0.1, 0.2 / 0.4, and in the third step they touch and approach
+        ttc=0.0,
+        ssm_margin=None,
+        ssm_violation_rate=None,
+        ssm_violation_time=None,
+        path_length=None,
+        # (5/10)² + (16/20)² + (9/10)² + (2/20)² over 12
+        jerk_rms=pytest.approx(np.sqrt((0.25 + 0.64 + 0.81 + 0.01) / 12.0)),
         speed_limit_ratio=0.75,
+        acceleration_limit_ratio=0.0,
         jerk_limit_ratio=0.9,
         position_violation_rate=pytest.approx(2.0 / 6.0),
+        velocity_violation_rate=0.0,
+        acceleration_violation_rate=0.0,
+        jerk_violation_rate=0.0,
+        mean_critical_velocity=pytest.approx(1.4 / 6.0),
+        mean_critical_acceleration=1.0,
         shield_p50=3e-5,
+        shield_p95=pytest.approx(4.8e-5),
         shield_p99=pytest.approx(4.96e-5),
+        shield_max=5e-5,
+        deadline_miss_rate=0.0,
     )
 
 
@@ -112,6 +176,13 @@ def test_an_intervention_in_the_first_step_began_at_zero():
     assert (summary.first_trigger, summary.last_trigger, summary.n_activations) == (0.0, 2.5, 3)
 
 
+def test_repeated_actions_are_not_summarised():
+    env = jssa_gym.ActionRepeat(gym.make("jssa_gym/Home-v0", terminate_on=()), 3)
+    trace = rollout(env, lambda _: np.zeros(6), seed=0, steps=4)
+    with pytest.raises(ParameterError, match="one control step apart"):
+        summarise(trace, env.unwrapped.robot.limits)
+
+
 def test_fields_of_a_summary_have_plain_types():
     hints = typing.get_type_hints(Summary)
     env = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", terminate_on=()))
@@ -139,6 +210,7 @@ def test_a_rollout_records_what_the_environment_said(env):
     begun, base = twin.unwrapped.scene, twin.unwrapped
     assert (trace.robot, trace.dynamics, trace.human_names) == (base.robot.name, "kinematic", begun.human.names)
     assert trace.plane_names == ("table",)
+    assert (trace.task, trace.holds, trace.d_min, trace.ended) == ("home", True, 0.05, "running")
     for ours, theirs in (
         (trace.mount, [0.0, 0.0, 0.87]),
         (trace.initial_state, [base.robot.home, np.zeros(6), np.zeros(6)]),
@@ -150,7 +222,7 @@ def test_a_rollout_records_what_the_environment_said(env):
     ):
         np.testing.assert_array_equal(ours, theirs)
     for k in range(400):
-        observation, _, _, _, info = twin.step(policy(observation))
+        observation, reward, _, _, info = twin.step(policy(observation))
         scene, decision, closest = twin.unwrapped.scene, twin.last_decision, twin.unwrapped.closest
         for ours, theirs in (
             (trace.time, scene.time),
@@ -169,6 +241,12 @@ def test_a_rollout_records_what_the_environment_said(env):
             (trace.reason, info["shield/reason"]),
             (trace.intervened, info["shield/intervened"]),
             (trace.phi, info["shield/phi"]),
+            (trace.slack, info["shield/slack"]),
+            (trace.correction, info["shield/correction"]),
+            (trace.success, info["success"]),
+            (trace.limit_violation, info["limit_violation"]),
+            (trace.reward, reward),
+            (trace.goal, base.goal),
             (trace.human_start, scene.human.start),
             (trace.human_end, scene.human.end),
         ):

@@ -67,7 +67,7 @@ def repacked(path: Path, change) -> bytes:
 
 def test_every_field_of_a_trace_is_saved():
     assert {field.name for field in dataclasses.fields(Trace)} == {
-        "dt",
+        *module._PLAIN,
         *module._TEXTS,
         *module._NAMES,
         *module._LAYOUT,
@@ -204,7 +204,11 @@ def _with_object(path: Path, field: str, bait: np.ndarray) -> bytes:
         (lambda h, a: h.update(dt=-1.0), "dt has to be"),
         (lambda h, a: h.update(robot=None), "robot has to be a string"),
         (lambda h, a: h.pop("robot"), "robot"),
-        (lambda h, a: h.update(version=2), "version 2"),
+        (lambda h, a: h.update(version=1), "version 1"),
+        (lambda h, a: h.update(version=3), "version 3"),
+        (lambda h, a: h.update(d_min=0), "d_min has to be"),
+        (lambda h, a: h.update(holds=1), "holds has to be"),
+        (lambda h, a: h.pop("ended"), "ended"),
         (lambda h, a: h.update(format="other"), "no trace"),
     ],
 )

@@ -6,7 +6,10 @@ from typing import Annotated
 import tyro
 
 from jssa_gym.cli.bench import Bench
+from jssa_gym.cli.compare import Compare
 from jssa_gym.cli.demo import Demo
+from jssa_gym.cli.evaluate import Evaluate
+from jssa_gym.cli.replay import Replay
 from jssa_gym.cli.reproduce import Reproduce
 from jssa_gym.cli.stress import Stress
 from jssa_gym.exceptions import JSSAGymError
@@ -15,6 +18,9 @@ Command = Annotated[
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Stress, tyro.conf.subcommand("stress")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Compare, tyro.conf.subcommand("compare")]
+    | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")],
     tyro.conf.arg(name=""),
 ]

@@ -2,33 +2,27 @@
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from jssa_gym import plots
-from jssa_gym.cli.files import make_folder, write_figure, write_json
-from jssa_gym.envs.arm import DT, ArmEnv
-from jssa_gym.envs.world import World
+from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.film import EVERY, film, pictures
+from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation import Summary, rollout, summarise
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import ApproachRetreat, HumanMotion
 from jssa_gym.policies import HoldPolicy
-from jssa_gym.safety.proximity import measure
 from jssa_gym.shields import JSSAShield
-from jssa_gym.types import CapsuleSet, JointState, Trace
 from jssa_gym.validation import positive_number
-
-_EVERY = 5
-"""A picture every so many control steps: 25 a second."""
 
 _SHIELDS: dict[str, Callable[[gym.Env], gym.Env]] = {
     "no shield": lambda env: env,
@@ -60,7 +54,7 @@ class Demo:
             raise ParameterError(f"seconds has to be between 0.1 and 60, got {self.seconds}")
         plots.require(film=self.video)
         human = paper_scene(positive_number("speed", self.speed))
-        make_folder(self.out)
+        writable_folder(self.out)
         console = Console(stderr=True)
         steps = round(self.seconds / DT)
         traces, summaries = [], []
@@ -83,10 +77,9 @@ class Demo:
             write_figure(self.out / "profile.png", figure)
             written = ["metrics.json", "profile.png"]
             if self.video:
-                frames = _film(traces, ArmEnv(human="none"), d_min, self.pretty)
-                count = len(range(0, len(traces[0].time), _EVERY))
-                bar = progress.track(frames, total=count, description="filming")
-                plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (DT * _EVERY)))
+                frames = film(traces, robot, d_min=d_min, pretty=self.pretty)
+                bar = progress.track(frames, total=pictures(traces), description="filming")
+                plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (DT * EVERY)))
                 written.append("side_by_side.mp4")
         if self.json:
             print(json.dumps([_plain(summary) for summary in summaries], indent=2))
@@ -134,36 +127,3 @@ def _table(summaries: list[Summary]) -> Table:
     row("shield time p50", lambda s: micros(s.shield_p50))
     row("shield time p99", lambda s: micros(s.shield_p99))
     return table
-
-
-def _film(traces: list[Trace], env: ArmEnv, d_min: float, pretty: bool) -> Iterator[NDArray[np.uint8]]:
-    """The runs side by side, the critical point pair drawn in red."""
-    size = 480
-    world = World(env.robot, "table", pretty=pretty, width=size, height=size)
-    labels = [plots.label(trace.name, size) for trace in traces]
-    try:
-        for k in range(0, len(traces[0].time), _EVERY):
-            columns = []
-            for trace, label in zip(traces, labels, strict=True):
-                people = _people(trace, k)
-                zero = np.zeros(env.robot.n)
-                near = measure(env.robot, JointState(trace.position[k], zero, zero), people, env.planes)
-                picture = world.picture(trace.position[k], people, pair=near.points)
-                bar = plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), bool(trace.contact[k]), size)
-                columns.append(np.vstack([label, picture, bar]))
-            yield np.hstack(columns)
-    finally:
-        world.close()
-
-
-def _people(trace: Trace, k: int) -> CapsuleSet:
-    still = np.zeros_like(trace.human_start[k])
-    return CapsuleSet(
-        trace.human_start[k],
-        trace.human_end[k],
-        still,
-        still,
-        trace.human_radius,
-        trace.human_names,
-        trace.human_person,
-    )

@@ -11,20 +11,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def make_folder(path: Path) -> None:
-    """Make a folder for results.
-
-    Raises:
-        ParameterError: It cannot be made or written to.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ParameterError(f"cannot write to {path}: {error.strerror}") from error
-    if not os.access(path, os.W_OK):
-        raise ParameterError(f"cannot write to {path}: it is read-only")
-
-
 def write_json(path: Path, data: Any) -> None:
     """Write JSON into a temporary file beside ``path`` and rename it."""
     unfinished = path.with_suffix(path.suffix + ".part")
@@ -37,3 +23,17 @@ def write_figure(path: Path, figure: "Figure") -> None:
     unfinished = path.with_suffix(f".part{path.suffix}")
     figure.savefig(unfinished, dpi=110)
     unfinished.replace(path)
+
+
+def writable_folder(path: Path) -> None:
+    """Make a folder for results, if there is none.
+
+    Raises:
+        ParameterError: Nothing can be written there.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ParameterError(f"cannot write to {path}: {error.strerror}") from error
+    if not os.access(path, os.W_OK):
+        raise ParameterError(f"cannot write to {path}: it is read-only")

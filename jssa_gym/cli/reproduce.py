@@ -15,7 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from jssa_gym import plots
-from jssa_gym.cli.files import make_folder, write_figure, write_json
+from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.evaluation import claims, paper, reproduction
 from jssa_gym.evaluation.claims import PAPER, Claim, Grid
 from jssa_gym.evaluation.paper import COLUMNS, Measures
@@ -124,7 +124,7 @@ class Reproduce:
     def run(self) -> None:
         """Play, draw, compare, write."""
         plots.require()
-        make_folder(self.out)
+        writable_folder(self.out)
         chosen = list(PARTS) if self.what == "all" else [self.what]
         results = {}
         console = Console(stderr=True)

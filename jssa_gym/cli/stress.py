@@ -1,7 +1,6 @@
 """``jssa-gym stress``: campaigns that try to break shields."""
 
 import dataclasses
-import importlib.metadata
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,18 +8,19 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import write_figure
+from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import CONTENDERS
-from jssa_gym.evaluation.episodes import Episode, run
-from jssa_gym.evaluation.ledger import Ledger
+from jssa_gym.evaluation.episodes import Episode, play
+from jssa_gym.evaluation.ledger import Ledger, package_version
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.evaluation.tally import Tally, tally
+from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.validation import positive_integer
 
@@ -80,7 +80,7 @@ class Stress:
         preset = "degradation" if self.degradation else self.preset
         if preset == "degradation":
             plots.require()
-        ledger = Ledger(self.out, self._campaign(preset), _version())
+        ledger = Ledger(self.out, self._campaign(preset), Episode, package_version())
         console = Console(stderr=True)
         try:
             self._play(ledger, jobs, console)
@@ -109,31 +109,20 @@ class Stress:
         grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
         return Campaign(grids, self.task, round(self.seconds / DT), self.seed, self.judge)
 
-    def _play(self, ledger: Ledger, jobs: int, console: Console) -> None:
+    def _play(self, ledger: Ledger[Campaign, Episode], jobs: int, console: Console) -> None:
         chunks = ledger.chunks(_CHUNK)
         left, moving = sum(len(chunk.seeds) for chunk in chunks), 0
-        columns = (
-            *(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()),
-            *(TimeElapsedColumn(), TimeRemainingColumn()),
-        )
-        with Progress(*columns, console=console, transient=True) as progress:
+        with episodes_bar(console) as progress:
             task = progress.add_task("episodes", total=left + len(ledger.episodes), completed=len(ledger.episodes))
 
             def done(episodes: list[Episode]) -> None:
                 nonlocal moving
                 ledger.append(episodes)
-                ledger.keep_worst(self.keep)
+                ledger.keep_worst([e for e in ledger.episodes if e.broken and e.judged], self.keep)
                 moving += sum(episode.broken for episode in episodes)
                 progress.update(task, advance=len(episodes), description=f"episodes, {moving} broken promises")
 
-            run(chunks, jobs, done)
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("jssa-gym")
-    except importlib.metadata.PackageNotFoundError:  # run from a clone that is not installed
-        return "unknown"
+            run(play, chunks, jobs, done)
 
 
 def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
@@ -141,11 +130,13 @@ def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
     return {**dict(zip(by, values.pop("group"), strict=True)), **values}
 
 
-def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[Episode], ledger: Ledger) -> None:
+def _show(
+    rows: Sequence[Tally], by: Sequence[str], broken: Sequence[Episode], ledger: Ledger[Campaign, Episode]
+) -> None:
     console = Console()
     if not console.is_terminal:
         console = Console(width=140)
-    happened = Table(title=f"{len(ledger.episodes):,} episodes of {ledger.campaign.steps * DT:g} s, 95 % intervals")
+    happened = Table(title=f"{len(ledger.episodes):,} episodes of {ledger.plan.steps * DT:g} s, 95 % intervals")
     did = Table(title="what the shields did, and what MuJoCo says")
     for table in (happened, did):
         for name in by:

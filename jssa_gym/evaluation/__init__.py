@@ -1,31 +1,53 @@
 """Episodes, what they recorded, numbers about them, and a second judge."""
 
-from jssa_gym.evaluation.metrics import Summary, summarise
+from jssa_gym.evaluation.geometry import Geometry, geometry
+from jssa_gym.evaluation.metrics import SeparationParams, Summary, summarise
+from jssa_gym.evaluation.plans import Study, make_policy, put_filter
+from jssa_gym.evaluation.record import RecordSafety
 from jssa_gym.evaluation.replay import judge
+from jssa_gym.evaluation.report import Report
 from jssa_gym.evaluation.rollout import rollout
+from jssa_gym.evaluation.runner import evaluate
 from jssa_gym.evaluation.statistics import (
+    Mean,
     PairedDifference,
     Rate,
     bootstrap_interval,
     clopper_pearson,
+    mean_difference,
+    means,
     paired_difference,
 )
+from jssa_gym.evaluation.steps import StepSummary
 from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace
 from jssa_gym.evaluation.verdict import Contact, Excess, Overlap, Verdict
 
 __all__ = [
     "Contact",
     "Excess",
+    "Geometry",
+    "Mean",
     "Overlap",
     "PairedDifference",
     "Rate",
+    "RecordSafety",
+    "Report",
+    "SeparationParams",
+    "StepSummary",
+    "Study",
     "Summary",
     "Verdict",
     "bootstrap_interval",
     "clopper_pearson",
+    "evaluate",
+    "geometry",
     "judge",
     "load_trace",
+    "make_policy",
+    "mean_difference",
+    "means",
     "paired_difference",
+    "put_filter",
     "read_meta",
     "rollout",
     "save_trace",

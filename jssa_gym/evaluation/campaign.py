@@ -1,9 +1,9 @@
 """Campaigns: which shields, people, policies and faults are tried together, on which seeds."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable, Iterator
+from dataclasses import asdict, dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, LATENCIES, MULTIPLES, PEOPLE, REPORTED
@@ -13,6 +13,9 @@ from jssa_gym.validation import known_name, number_within, positive_integer
 
 SPACING = 10_000
 """Most episodes of a cell: seeds of two cells differ by a multiple of it."""
+
+
+AnyCell = TypeVar("AnyCell", bound=Hashable)
 
 
 class Cell(NamedTuple):
@@ -84,14 +87,29 @@ class Campaign:
 
     def seeds(self) -> dict[Cell, list[int]]:
         """Seeds of every cell, those of the same people, policy and fault side by side."""
-        first: dict[tuple[str, ...], int] = {}
-        seeds: dict[Cell, list[int]] = {}
-        for grid in self.grids:
-            for cell in grid.cells():
-                start = first.setdefault(cell[1:], self.seed + SPACING * len(first))
-                if grid.episodes > len(seeds.get(cell, ())):
-                    seeds[cell] = list(range(start, start + grid.episodes))
-        return seeds
+        return paired_seeds(
+            ((cell, cell[1:], grid.episodes) for grid in self.grids for cell in grid.cells()), self.seed
+        )
+
+    def config(self) -> dict[str, Any]:
+        """All that decides about the results, as JSON can hold it."""
+        return asdict(self)
+
+
+def paired_seeds(wanted: Iterable[tuple[AnyCell, Hashable, int]], seed: int) -> dict[AnyCell, list[int]]:
+    """Seeds of every cell: the same for cells with the same company, others for others.
+
+    Args:
+        wanted: Cells, each with what it shares its seeds with and its number of episodes, at most :data:`SPACING`.
+        seed: The first one.
+    """
+    first: dict[Hashable, int] = {}
+    seeds: dict[AnyCell, list[int]] = {}
+    for cell, company, episodes in wanted:
+        start = first.setdefault(company, seed + SPACING * len(first))
+        if episodes > len(seeds.get(cell, ())):
+            seeds[cell] = list(range(start, start + episodes))
+    return seeds
 
 
 _CALM = ("constant_velocity", "approach_retreat", "random", "walk_by")

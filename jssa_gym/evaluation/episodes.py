@@ -1,15 +1,8 @@
-"""Episodes of a campaign: played fast, judged again where it matters, in as many processes as wanted."""
+"""Episodes of a campaign: played fast, judged again where it matters."""
 
 import hashlib
-import multiprocessing
-import os
-import signal
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +10,7 @@ from numpy.typing import NDArray
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.evaluation.campaign import Campaign, Cell
 from jssa_gym.evaluation.contenders import CONTENDERS, PEOPLE, shielded, within_assumptions
+from jssa_gym.evaluation.ledger import Chunk, trace_name
 from jssa_gym.evaluation.replay import judge
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.trace import save_trace
@@ -30,7 +24,7 @@ _SUSPICIOUS = 1e-4
 _ROUNDING = 1e-9
 """Share of a limit that rounding may cost, as in the environment."""
 
-_POLICY_SEEDS = 10**9
+POLICY_SEEDS = 10**9
 """Added to an episode's seed: what policy and people draw must have nothing in common."""
 
 
@@ -115,7 +109,7 @@ class Episode:
     @property
     def trace_name(self) -> str:
         """Name of the file with its recording."""
-        return f"{'-'.join(self.cell)}-{self.seed}.npz".replace(" ", "_")
+        return trace_name(self.cell, self.seed)
 
 
 def digest(states: Array, jerks: Array, status: NDArray[np.int64]) -> str:
@@ -136,7 +130,7 @@ class Arena:
 
     def _policy(self, seed: int) -> Policy:
         # policies see the truth: what they are told must not depend on the shield's sensor
-        return POLICIES[self.cell.policy](self.base, _POLICY_SEEDS + seed)
+        return POLICIES[self.cell.policy](self.base, POLICY_SEEDS + seed)
 
     def play(self, seed: int) -> Episode:
         """One episode."""
@@ -195,10 +189,7 @@ class Arena:
         return replace(
             episode,
             judged=True,
-            # where axes cross deep inside each other no touching point is the right one: speeds are not compared
-            agrees=same
-            and verdict.contact_error == 0
-            and max(verdict.distance_error, verdict.state_error) <= verdict.tolerance,
+            agrees=same and verdict.same_course,
             judged_speed=verdict.contact_speed,
             judged_excess=max(verdict.excess),
             overlaps=len(verdict.self_collisions) + len(verdict.plane_collisions),
@@ -222,64 +213,19 @@ def drawn(cell: Cell, seed: int, share: float) -> bool:
     return int.from_bytes(number[:6], "big") < share * 2**48
 
 
-class Chunk(NamedTuple):
-    """Episodes that are played together."""
-
-    campaign: Campaign
-    cell: Cell
-    seeds: Sequence[int]
-    traces: Path
-    """Folder for recordings of what must not happen."""
-
-
-def play(chunk: Chunk) -> list[Episode]:
+def play(chunk: Chunk[Campaign, Cell]) -> list[Episode]:
     """Play episodes of one cell and judge those that have to be."""
-    arena, episodes = Arena(chunk.campaign, chunk.cell), []
+    campaign, episodes = chunk.plan, []
+    arena = Arena(campaign, chunk.cell)
     careful = CONTENDERS[chunk.cell.filter].promises
     for seed in chunk.seeds:
         episode = arena.play(seed)
         suspicious = careful and (episode.contact_speed > _SUSPICIOUS or episode.violations > 0)
-        if suspicious or drawn(chunk.cell, seed, chunk.campaign.judge):
+        if suspicious or drawn(chunk.cell, seed, campaign.judge):
             episode, trace = arena.judged(episode)
             if episode.broken:
                 chunk.traces.mkdir(parents=True, exist_ok=True)
-                meta = {"seed": seed, "task": chunk.campaign.task, **chunk.cell._asdict()}
+                meta = {"seed": seed, "task": campaign.task, **chunk.cell._asdict()}
                 save_trace(trace, chunk.traces / episode.trace_name, meta)
         episodes.append(episode)
     return episodes
-
-
-def _worker() -> None:
-    # the parent alone answers Ctrl-C: what a worker has begun, it ends
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def run(chunks: Sequence[Chunk], jobs: int, done: Callable[[list[Episode]], Any]) -> None:
-    """Play chunks, in other processes if there is more than one job.
-
-    Args:
-        chunks: What to play.
-        jobs: How many processes.
-        done: Called with every chunk's episodes as it ends, in this process.
-    """
-    if jobs == 1:
-        for chunk in chunks:
-            done(play(chunk))
-        return
-    # workers inherit it: threads of theirs would only fight each other
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _worker) as pool:
-        waiting: set[Future[list[Episode]]] = set()
-        try:
-            todo = iter(chunks)
-            while True:
-                # few at a time, so that an interrupt need not undo a long queue
-                while len(waiting) < 2 * jobs and (chunk := next(todo, None)) is not None:
-                    waiting.add(pool.submit(play, chunk))
-                if not waiting:
-                    return
-                ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in ended:
-                    done(future.result())
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)

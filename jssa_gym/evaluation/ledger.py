@@ -1,21 +1,19 @@
-"""A campaign's results on disk: appended as they come, continued after a crash."""
+"""Results on disk: appended as they come, continued after a crash."""
 
 import csv
+import functools
 import hashlib
+import importlib.metadata
 import io
 import json
 import os
-from collections.abc import Sequence
-from dataclasses import asdict, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, get_args, get_type_hints
 
-from jssa_gym.evaluation.campaign import Campaign, Cell
-from jssa_gym.evaluation.episodes import Chunk, Episode
 from jssa_gym.exceptions import ParameterError
 
-_KINDS = get_type_hints(Episode)
-_NAMES = [field.name for field in fields(Episode)]
 _TELLING = (
     "cli",
     "plots",
@@ -24,9 +22,13 @@ _TELLING = (
     "evaluation/benchmark.py",
     "evaluation/claims.py",
     "evaluation/handover.py",
+    "evaluation/html.py",
+    "evaluation/leaderboard.py",
     "evaluation/paper.py",
+    "evaluation/report.py",
     "evaluation/reproduction.py",
     "evaluation/statistics.py",
+    "evaluation/svg.py",
     "evaluation/tally.py",
 )
 """Parts of the package that only tell of episodes; all others decide how one goes or how it is judged."""
@@ -43,7 +45,72 @@ def source_hash() -> str:
     return text.hexdigest()[:16]
 
 
-class Ledger:
+def package_version() -> str:
+    """Version of the installed package."""
+    try:
+        return importlib.metadata.version("jssa-gym")
+    except importlib.metadata.PackageNotFoundError:  # run from a clone that is not installed
+        return "unknown"
+
+
+def trace_name(cell: Sequence[str], seed: int) -> str:
+    """Name of the file with an episode's recording."""
+    name = "-".join(part for part in cell if part)
+    return f"{''.join(c if c.isalnum() or c in '-_.+' else '_' for c in name)}-{seed}.npz"
+
+
+class Plan(Protocol):
+    """What is to be played."""
+
+    def seeds(self) -> Mapping[Any, Sequence[int]]:
+        """Seeds of every kind of episode."""
+        ...
+
+    def config(self) -> dict[str, Any]:
+        """All that decides about the results, as JSON can hold it."""
+        ...
+
+
+class Row(Protocol):
+    """A line of the table: a dataclass of strings, numbers and yes or no, and of dataclasses of such."""
+
+    @property
+    def seed(self) -> int:
+        """Of the episode."""
+        ...
+
+    @property
+    def cell(self) -> Any:
+        """What kind of episode it is."""
+        ...
+
+    @property
+    def severity(self) -> Any:
+        """For keeping the worst: the larger, the worse."""
+        ...
+
+    @property
+    def trace_name(self) -> str:
+        """Name of the file with its recording."""
+        ...
+
+
+AnyPlan = TypeVar("AnyPlan", bound=Plan)
+AnyCell = TypeVar("AnyCell")
+AnyRow = TypeVar("AnyRow", bound=Row)
+
+
+class Chunk(NamedTuple, Generic[AnyPlan, AnyCell]):
+    """Episodes of one kind that are played together."""
+
+    plan: AnyPlan
+    cell: AnyCell
+    seeds: Sequence[int]
+    traces: Path
+    """Folder for recordings."""
+
+
+class Ledger(Generic[AnyPlan, AnyRow]):
     """Configuration and episodes of a campaign in a folder.
 
     ``campaign.json`` says what is tried and with which code; ``episodes.csv`` grows by a whole chunk at a time.
@@ -51,18 +118,20 @@ class Ledger:
 
     Args:
         folder: It is made if there is none.
-        campaign: What is tried.
+        plan: What is tried.
+        row: Class of an episode: a line of the table.
         version: Of the package.
 
     Raises:
         ParameterError: The folder cannot be used, or holds another campaign or one of other code.
     """
 
-    def __init__(self, folder: Path, campaign: Campaign, version: str) -> None:
-        self.folder, self.campaign = folder, campaign
+    def __init__(self, folder: Path, plan: AnyPlan, row: type[AnyRow], version: str) -> None:
+        self.folder, self.plan, self.row = folder, plan, row
         self.table, self.traces = folder / "episodes.csv", folder / "traces"
-        self.episodes: list[Episode] = []
-        config = {**json.loads(json.dumps(asdict(campaign))), "version": version, "source": source_hash()}
+        self.episodes: list[AnyRow] = []
+        self._names = _columns(row)
+        config = {**json.loads(json.dumps(plan.config())), "version": version, "source": source_hash()}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._settle(config)
@@ -98,55 +167,97 @@ class Ledger:
             # what a crash cut off is played again
             os.truncate(self.table, len(whole))
         rows = csv.reader(io.StringIO(whole.decode(), newline=""))
-        if whole and next(rows) != _NAMES:
+        if whole and next(rows) != self._names:
             raise ParameterError(f"{self.table} has other columns than this version writes")
         try:
-            self.episodes = [_parse(row) for row in rows]
+            self.episodes = [_parse(self.row, iter(_fitting(row, self._names))) for row in rows]
         except (ValueError, KeyError) as error:
             raise ParameterError(f"{self.table} holds a line that is no episode: {error}") from error
 
-    def append(self, episodes: Sequence[Episode]) -> None:
+    def append(self, episodes: Sequence[AnyRow]) -> None:
         """Add episodes, in one piece."""
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
         if not self.table.exists() or self.table.stat().st_size == 0:
-            writer.writerow(_NAMES)
+            writer.writerow(self._names)
         for episode in episodes:
-            writer.writerow([_written(getattr(episode, name)) for name in _NAMES])
+            writer.writerow(_written(episode))
         with self.table.open("ab") as file:
             file.write(text.getvalue().encode())
             file.flush()
             os.fsync(file.fileno())
         self.episodes += episodes
 
-    def ordered(self) -> list[Episode]:
-        """All episodes in the order of the campaign, whoever finished first."""
-        place = {cell: k for k, cell in enumerate(self.campaign.seeds())}
+    def ordered(self) -> list[AnyRow]:
+        """All episodes in the order of the plan, whoever finished first."""
+        place = {cell: k for k, cell in enumerate(self.plan.seeds())}
         return sorted(self.episodes, key=lambda episode: (place[episode.cell], episode.seed))
 
-    def keep_worst(self, count: int) -> None:
-        """Delete all recordings but those of the worst episodes."""
-        broken = sorted((e for e in self.episodes if e.broken and e.judged), key=lambda e: -e.severity)
-        for episode in broken[count:]:
+    def keep_worst(self, recorded: Sequence[AnyRow], count: int) -> None:
+        """Delete all recordings but those of the worst of some episodes."""
+        for episode in worst(recorded, len(recorded))[count:]:
             (self.traces / episode.trace_name).unlink(missing_ok=True)
 
-    def chunks(self, size: int) -> list[Chunk]:
+    def chunks(self, size: int) -> list[Chunk[AnyPlan, Any]]:
         """What is left to play, at most ``size`` episodes of one cell together."""
-        done: dict[Cell, set[int]] = {}
+        done: dict[Any, set[int]] = {}
         for episode in self.episodes:
             done.setdefault(episode.cell, set()).add(episode.seed)
         chunks = []
-        for cell, seeds in self.campaign.seeds().items():
+        for cell, seeds in self.plan.seeds().items():
             left = [seed for seed in seeds if seed not in done.get(cell, ())]
             for k in range(0, len(left), size):
-                chunks.append(Chunk(self.campaign, cell, left[k : k + size], self.traces))
+                chunks.append(Chunk(self.plan, cell, left[k : k + size], self.traces))
         return chunks
 
 
-def _written(value: Any) -> str:
-    return str(int(value)) if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)
+def worst(episodes: Sequence[AnyRow], count: int) -> list[AnyRow]:
+    """The worst episodes, the worst first."""
+    return sorted(episodes, key=lambda episode: episode.severity, reverse=True)[:count]
 
 
-def _parse(row: Sequence[str]) -> Episode:
-    values = dict(zip(_NAMES, row, strict=True))
-    return Episode(**{name: _KINDS[name](int(text) if _KINDS[name] is bool else text) for name, text in values.items()})
+_kinds = functools.cache(get_type_hints)
+
+
+def _columns(row: type[Any]) -> list[str]:
+    hints, names = _kinds(row), []
+    for field in fields(row):
+        kind = hints[field.name]
+        names += _columns(kind) if is_dataclass(kind) else [field.name]
+    return names
+
+
+def _written(row: Any) -> list[str]:
+    cells: list[str] = []
+    for field in fields(row):
+        value = getattr(row, field.name)
+        if is_dataclass(value):
+            cells += _written(value)
+        elif value is None:
+            cells.append("")
+        else:
+            cells.append(
+                str(int(value)) if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)
+            )
+    return cells
+
+
+def _fitting(cells: Sequence[str], names: Sequence[str]) -> Sequence[str]:
+    if len(cells) != len(names):
+        raise ValueError(f"{len(cells)} cells for {len(names)} columns")
+    return cells
+
+
+def _parse(row: type[Any], cells: Any) -> Any:
+    hints, values = _kinds(row), {}
+    for field in fields(row):
+        kind = hints[field.name]
+        if is_dataclass(kind):
+            values[field.name] = _parse(kind, cells)
+            continue
+        text, kinds = next(cells), get_args(kind) or (kind,)
+        if text == "" and type(None) in kinds:
+            values[field.name] = None
+        else:
+            values[field.name] = kinds[0](int(text)) if kinds[0] is bool else kinds[0](text)
+    return row(**values)

@@ -1,76 +1,236 @@
 """Numbers about one episode."""
 
+import dataclasses
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING
+from jssa_gym.evaluation.events import spans
+from jssa_gym.evaluation.fields import Says
+from jssa_gym.evaluation.geometry import Geometry
+from jssa_gym.evaluation.steps import DEBOUNCE, Steps, StepSummary, summarise_steps
+from jssa_gym.evaluation.trace import every_step
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import JointLimits
-from jssa_gym.types import Trace
+from jssa_gym.shields.filter import OUTSIDE
+from jssa_gym.types import Array, Status, Trace
+from jssa_gym.validation import number_within
+
+_ROUNDING = 1e-9
+"""Share of a limit that rounding may cost, as in the environment."""
+
+_SLOWEST = 1e-6
+"""Closing speed under which there is no time to collision [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
-    """One episode in numbers; times in seconds, counts in control steps."""
+class SeparationParams:
+    r"""Speed and separation monitoring, after ISO/TS 15066:2016, 5.5.4: :math:`S_p = S_h + S_r + S_s + C + Z`.
+
+    :math:`S_h = v_h (T_r + T_s)`, :math:`S_r = v_r T_r`; the stopping time :math:`T_s` and the distance
+    :math:`S_s` covered while stopping are those of the jerk-limited stop from the joint state at hand.
+
+    Raises:
+        ParameterError: A number is negative or not finite.
+    """
+
+    human_speed: float | None = 1.6
+    """:math:`v_h` [m/s]; None for the measured speed of the person's closest point towards the robot."""
+    reaction_time: float = 0.1
+    """:math:`T_r` [s]."""
+    intrusion: float = 0.0
+    """C: how far a person reaches before being seen [m]."""
+    uncertainty: float = 0.0
+    """:math:`Z = Z_d + Z_r`, of the person's and the robot's place [m]."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not (field.name == "human_speed" and value is None):
+                object.__setattr__(self, field.name, number_within(field.name, value, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Summary(StepSummary):
+    """One episode in numbers; times in seconds, counts in control steps. None where something cannot be said."""
 
     name: str
-    steps: int
-    min_distance: float
-    """Smallest robot-human surface distance [m]; inf without a human."""
-    collision: bool
-    """Any contact."""
-    moving_contact: bool
-    """A contact with the robot's touching point faster than 1e-3 m/s."""
-    contact_speed: float
-    """Largest speed of a touching point of the robot [m/s]."""
-    first_trigger: float | None
-    """Time of the first intervention [s]; None without any."""
-    last_trigger: float | None
-    active_duration: float
-    """Time with an intervention in total [s]."""
-    intervention_rate: float
-    n_activations: int
-    """Rising edges of the intervention."""
-    speed_limit_ratio: float
-    """Largest joint speed over its limit."""
-    jerk_limit_ratio: float
-    """Largest applied joint jerk over its bound."""
-    position_violation_rate: float
-    """Share of steps with a joint outside its range."""
-    shield_p50: float | None
-    """Median time of a decision [s]; None without a shield."""
-    shield_p99: float | None
+    n_collisions_robot_fault: Annotated[
+        int | None, Says("", "Contacts in which the robot's point moves in, the person's not.")
+    ]
+    n_collisions_human_fault: Annotated[
+        int | None, Says("", "Contacts in which the robot's point never moves in over v_safe.")
+    ]
+    n_collisions_shared_fault: Annotated[int | None, Says("", "Contacts in which both move in faster than v_safe.")]
+    n_collisions_self: Annotated[int | None, Says("", "Contacts of the arm with itself.")]
+    n_collisions_static: Annotated[
+        int | None, Says("", "Contacts of the arm, but for its first link, with table or floor.")
+    ]
+    ttc: Annotated[float | None, Says("s", "Smallest distance over closing speed; none if they never approach.")]
+    ssm_margin: Annotated[float | None, Says("m", "Smallest distance − S_p, of speed and separation monitoring.")]
+    ssm_violation_rate: Annotated[float | None, Says("", "Share of the steps with a distance below S_p.")]
+    ssm_violation_time: Annotated[float | None, Says("s", "Time with a distance below S_p.")]
+    path_length: Annotated[float | None, Says("m", "Length of the way of the tool centre point.")]
+    jerk_rms: Annotated[float, Says("jerk bounds", "Root mean square, over steps and joints, of the applied jerk.")]
+    speed_limit_ratio: Annotated[float, Says("", "Largest joint speed over its limit.")]
+    acceleration_limit_ratio: Annotated[float, Says("", "Largest joint acceleration over its limit.")]
+    jerk_limit_ratio: Annotated[float, Says("", "Largest applied joint jerk over its bound.")]
+    position_violation_rate: Annotated[float, Says("", "Share of the steps with a joint outside its range.")]
+    velocity_violation_rate: Annotated[float, Says("", "Share of the steps with a joint faster than its limit.")]
+    acceleration_violation_rate: Annotated[
+        float, Says("", "Share of the steps with a joint acceleration above its limit.")
+    ]
+    jerk_violation_rate: Annotated[float, Says("", "Share of the steps with a jerk above its bound.")]
+    mean_critical_velocity: Annotated[
+        float | None, Says("m/s", "Mean, over all steps, of the distance's absolute rate.")
+    ]
+    mean_critical_acceleration: Annotated[float | None, Says("m/s²", "The same of the distance's second derivative.")]
+    shield_p50: Annotated[float | None, Says("s", "Median time of a decision; none without a shield.")]
+    shield_p95: Annotated[float | None, Says("s", "95th percentile of it.")]
+    shield_p99: Annotated[float | None, Says("s", "99th percentile of it.")]
+    shield_max: Annotated[float | None, Says("s", "Longest decision.")]
+    deadline_miss_rate: Annotated[
+        float | None, Says("", "Share of the decisions that took longer than the control step.")
+    ]
 
 
-def summarise(trace: Trace, limits: JointLimits) -> Summary:
+def summarise(
+    trace: Trace,
+    limits: JointLimits,
+    seen: Geometry | None = None,
+    *,
+    v_safe: float = MOVING,
+    separation: SeparationParams | None = None,
+) -> Summary:
     """Summary of a trace.
 
     Args:
         trace: The episode.
         limits: The robot's limits.
+        seen: :func:`~jssa_gym.evaluation.geometry.geometry` of the trace; metrics that need it are None without.
+        v_safe: Speed of the robot's touching point from which a contact is critical [m/s].
+        separation: Parameters of ``ssm_margin`` and its kin; None for the defaults.
+
+    Raises:
+        ParameterError: ``v_safe`` is negative, or the rows are not one control step apart.
     """
-    active = trace.intervened
-    moments = trace.time[active]
-    # the state after an intervention is stamped with the step's end; the trigger is its beginning
-    first, last = (float(moments[0] - trace.dt), float(moments[-1] - trace.dt)) if len(moments) else (None, None)
+    v_safe = number_within("v_safe", v_safe, 0.0)
+    if not every_step(trace):
+        raise ParameterError(
+            "the rows of the episode are not one control step apart; a policy that acts more slowly has to repeat its "
+            "actions itself, without ActionRepeat"
+        )
+    steps = summarise_steps(steps_of(trace), v_safe)
     low, high = limits.position.T
-    outside = np.any((trace.position < low) | (trace.position > high), axis=1)
+    slack = _ROUNDING * (high - low)
+    outside = np.any((trace.position < low - slack) | (trace.position > high + slack), axis=1)
+    ratios = [
+        np.abs(x) / limit
+        for x, limit in (
+            (trace.velocity, limits.velocity),
+            (trace.acceleration, limits.acceleration),
+            (trace.jerk, limits.jerk),
+        )
+    ]
+    peaks = [float(ratio.max(initial=0.0)) for ratio in ratios]
+    beyond = [_mean((ratio > 1.0 + _ROUNDING).any(axis=1)) or 0.0 for ratio in ratios]
     timed = trace.shield_time[np.isfinite(trace.shield_time)]
+    quantiles = np.percentile(timed, [50, 95, 99, 100]).tolist() if len(timed) else [None] * 4
+    people = np.isfinite(trace.distance)
+    faults = (None,) * 3 if seen is None else _faults(trace, seen, v_safe)
+    margin = None if seen is None else _margin(trace, seen, separation or SeparationParams())
+    closing = trace.speed < -_SLOWEST
     return Summary(
+        **{field.name: getattr(steps, field.name) for field in dataclasses.fields(StepSummary)},
         name=trace.name,
-        steps=len(trace.time),
-        min_distance=float(trace.distance.min(initial=np.inf)),
-        collision=bool(trace.contact.any()),
-        moving_contact=bool((trace.contact_speed > MOVING).any()),
-        contact_speed=float(trace.contact_speed.max(initial=0.0)),
-        first_trigger=first,
-        last_trigger=last,
-        active_duration=float(active.sum() * trace.dt),
-        intervention_rate=float(active.mean()) if len(active) else 0.0,
-        n_activations=int((np.diff(active.astype(int), prepend=0) == 1).sum()),
-        speed_limit_ratio=float((np.abs(trace.velocity) / limits.velocity).max(initial=0.0)),
-        jerk_limit_ratio=float((np.abs(trace.jerk) / limits.jerk).max(initial=0.0)),
-        position_violation_rate=float(outside.mean()) if len(outside) else 0.0,
-        shield_p50=float(np.median(timed)) if len(timed) else None,
-        shield_p99=float(np.percentile(timed, 99)) if len(timed) else None,
+        n_collisions_robot_fault=faults[0],
+        n_collisions_human_fault=faults[1],
+        n_collisions_shared_fault=faults[2],
+        n_collisions_self=None if seen is None else _events(seen.own, trace.dt),
+        n_collisions_static=None if seen is None else _events(seen.planes, trace.dt),
+        ttc=_least(np.maximum(trace.distance[closing & people], 0.0) / -trace.speed[closing & people]),
+        ssm_margin=None if margin is None else _least(margin[people]),
+        ssm_violation_rate=None if margin is None else _mean(~(margin >= 0.0)),
+        ssm_violation_time=None if margin is None else float((~(margin >= 0.0)).sum() * trace.dt),
+        path_length=None if seen is None else float(np.linalg.norm(np.diff(seen.tip, axis=0), axis=1).sum()),
+        jerk_rms=float(np.sqrt(np.mean(ratios[2] ** 2))) if len(trace.time) else 0.0,
+        speed_limit_ratio=peaks[0],
+        acceleration_limit_ratio=peaks[1],
+        jerk_limit_ratio=peaks[2],
+        position_violation_rate=_mean(outside) or 0.0,
+        velocity_violation_rate=beyond[0],
+        acceleration_violation_rate=beyond[1],
+        jerk_violation_rate=beyond[2],
+        mean_critical_velocity=_mean(np.abs(trace.speed[people])),
+        mean_critical_acceleration=_mean(np.abs(trace.acceleration_of_distance[people])),
+        shield_p50=quantiles[0],
+        shield_p95=quantiles[1],
+        shield_p99=quantiles[2],
+        shield_max=quantiles[3],
+        deadline_miss_rate=_mean(timed > trace.dt),
     )
+
+
+def steps_of(trace: Trace) -> Steps:
+    """What a trace says step by step."""
+    return Steps(
+        trace.dt,
+        trace.d_min,
+        trace.holds,
+        trace.ended,  # ty: ignore[invalid-argument-type]  # checked when it was made
+        trace.reward,
+        trace.success,
+        trace.distance,
+        trace.contact,
+        trace.contact_speed,
+        trace.limit_violation,
+        trace.status,
+        (trace.status != Status.NOMINAL) & (trace.reason != OUTSIDE),
+        trace.intervened,
+        trace.correction,
+        trace.phi,
+        trace.slack,
+    )
+
+
+def _faults(trace: Trace, seen: Geometry, v_safe: float) -> tuple[int, int, int]:
+    """Contacts by who moved into whom, as :attr:`jssa_gym.evaluation.Contact.fault` says it."""
+    robot = human = shared = 0
+    touches = seen.touches
+    for first, last in spans(trace.contact, round(DEBOUNCE / trace.dt)):
+        during = (touches.step >= first) & (touches.step < last)
+        if touches.robot_approach[during].max(initial=0.0) <= v_safe:
+            human += 1
+        elif touches.human_approach[during].max(initial=0.0) <= v_safe:
+            robot += 1
+        else:
+            shared += 1
+    return robot, human, shared
+
+
+def _margin(trace: Trace, seen: Geometry, params: SeparationParams) -> Array:
+    """Distance minus the protective separation distance, shape (T,) [m]; inf without people."""
+    speed = np.maximum(seen.human_approach, 0.0) if params.human_speed is None else params.human_speed
+    needed = (
+        speed * (params.reaction_time + seen.stop_time)
+        + np.maximum(seen.approach, 0.0) * params.reaction_time
+        + seen.stop_advance
+        + params.intrusion
+        + params.uncertainty
+    )
+    return trace.distance - needed
+
+
+def _events(distance: Array, dt: float) -> int:
+    return len(spans(~(distance > 0.0), round(DEBOUNCE / dt)))
+
+
+def _mean(values: Array | NDArray[np.bool_]) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+def _least(values: Array) -> float | None:
+    return float(values.min()) if len(values) else None

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.evaluation.oracle import FAR, Oracle
+from jssa_gym.evaluation.trace import every_step
 from jssa_gym.evaluation.verdict import Contact, Excess, Overlap, Verdict
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import JointLimits, RobotModel
@@ -103,8 +104,7 @@ def _check(trace: Trace, robot: RobotModel) -> None:
         raise ParameterError(f"the episode is of the robot {trace.robot!r}, not of {robot.name!r}")
     if not np.array_equal(trace.mount, robot.mount):
         raise ParameterError(f"the episode's robot stands at {trace.mount}, this one at {robot.mount}; use mounted()")
-    count = len(trace.time)
-    if count == 0 or not np.allclose(trace.time, trace.dt * np.arange(1, count + 1), rtol=0.0, atol=1e-9):
+    if len(trace.time) == 0 or not every_step(trace):
         raise ParameterError("the rows of a trace have to be one control step apart, from the first step on")
 
 

@@ -50,6 +50,9 @@ def _setting(base: Any) -> dict[str, Any]:
         "dt": base.dt,
         "robot": base.robot.name,
         "dynamics": base.dynamics,
+        "task": base.task.name,
+        "holds": not base.task.ends,
+        "d_min": base.d_min,
         "mount": np.array(base.robot.mount),
         "initial_state": np.array([state.position, state.velocity, state.acceleration]),
         "initial_human": np.array([human.start, human.end]),
@@ -89,11 +92,11 @@ def rollout(
         shield.filter = watch
     try:
         observation, _ = env.reset(seed=seed, options=options)
-        once: dict[str, Any] = {"name": name, **_setting(base)}
+        once: dict[str, Any] = {"name": name, "ended": "running", **_setting(base)}
         rows: dict[str, list[Any]] = {field: [] for field in Trace.__dataclass_fields__ if field not in once}
         for _ in range(steps):
             action = policy(observation)
-            observation, _, terminated, truncated, info = env.step(action)
+            observation, reward, terminated, truncated, info = env.step(action)
             scene, closest = base.scene, base.closest
             decision = None if shield is None else shield.last_decision
             rows["time"].append(scene.time)
@@ -102,6 +105,10 @@ def rollout(
             rows["acceleration"].append(scene.robot.acceleration)
             rows["jerk"].append(info["jerk"])
             rows["nominal"].append(info["jerk"] if decision is None else decision.nominal)
+            rows["goal"].append(base.goal)
+            rows["reward"].append(float(reward))
+            rows["success"].append(info["success"])
+            rows["limit_violation"].append(info["limit_violation"])
             rows["distance"].append(closest.distance)
             rows["speed"].append(closest.rate)
             rows["acceleration_of_distance"].append(closest.curvature)
@@ -111,11 +118,14 @@ def rollout(
             rows["status"].append(info.get("shield/status", int(Status.NOMINAL)))
             rows["reason"].append(info.get("shield/reason", ""))
             rows["intervened"].append(info.get("shield/intervened", False))
+            rows["correction"].append(info.get("shield/correction", np.nan))
             rows["phi"].append(info.get("shield/phi", np.nan))
+            rows["slack"].append(info.get("shield/slack", np.nan))
             rows["shield_time"].append(np.nan if watch is None else watch.elapsed)
             rows["human_start"].append(scene.human.start)
             rows["human_end"].append(scene.human.end)
             if terminated or truncated:
+                once["ended"] = "terminated" if terminated else "truncated"
                 break
     finally:
         if shield is not None and watch is not None:

@@ -169,3 +169,79 @@ def paired_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0
         high=float(min(p - q + half, 1.0)),
         p_value=float(binomtest(b, b + c).pvalue) if b + c else 1.0,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Mean:
+    """A mean over episodes, with its bootstrap interval; in words like ``0.31 (0.28 to 0.34)``."""
+
+    n: int
+    """Episodes that have a value."""
+    value: float
+    low: float
+    high: float
+    least: float
+    p05: float
+    """5th percentile over the episodes."""
+    most: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} ({self.low:.3g} to {self.high:.3g})"
+
+
+def means(values: ArrayLike, seed: int = 0, *, confidence: float = 0.95, resamples: int = 2000) -> list[Mean | None]:
+    """Means of several numbers over the same episodes, with percentile bootstrap intervals.
+
+    A resample draws whole episodes: what is resampled together stays comparable.
+
+    Args:
+        values: A row an episode, a column a number, shape (n, m); what is not finite is left out.
+        seed: Of the resampling.
+        confidence: Between 0 and 1.
+        resamples: How many.
+
+    Returns:
+        A mean a column, None where no episode has a value.
+
+    Raises:
+        ParameterError: No episodes, another shape, or a confidence out of range.
+    """
+    array, tail = np.array(values, dtype=np.float64), _tail(confidence)
+    if array.ndim != 2 or len(array) == 0:
+        raise ParameterError(f"values have to have shape (n, m) with n >= 1, got {array.shape}")
+    there = np.isfinite(array)
+    # resampling with replacement is a random number of copies of every episode
+    copies = np.random.default_rng(seed).multinomial(len(array), np.full(len(array), 1.0 / len(array)), resamples)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        drawn = (copies @ np.where(there, array, 0.0)) / (copies @ there)
+    found: list[Mean | None] = []
+    for column, kept, resampled in zip(array.T, there.T, drawn.T, strict=True):
+        known = column[kept]
+        if len(known) == 0:
+            found.append(None)
+            continue
+        low, high = np.nanquantile(resampled, [tail, 1.0 - tail])
+        least, p05, most = np.min(known), np.quantile(known, 0.05), np.max(known)
+        numbers = (known.mean(), low, high, least, p05, most)
+        found.append(Mean(len(known), *(float(number) for number in numbers)))
+    return found
+
+
+def mean_difference(first: ArrayLike, second: ArrayLike, seed: int = 0, *, confidence: float = 0.95) -> Mean | None:
+    """Mean of the first minus the second over paired seeds, with its bootstrap interval.
+
+    Args:
+        first: A number a seed, shape (n,).
+        second: The same for the other; seeds on which either is not finite are left out.
+        seed: Of the resampling.
+        confidence: Between 0 and 1.
+
+    Raises:
+        ParameterError: Different lengths, or no seed.
+    """
+    one, other = np.array(first, dtype=np.float64), np.array(second, dtype=np.float64)
+    if one.ndim != 1 or one.shape != other.shape:
+        raise ParameterError(f"paired numbers have to be as many each, got shapes {one.shape}, {other.shape}")
+    with np.errstate(invalid="ignore"):  # infinite on both sides: no difference to speak of
+        difference = one - other
+    return means(difference[:, None], seed, confidence=confidence)[0]

@@ -15,7 +15,7 @@ import numpy as np
 from jssa_gym.exceptions import TraceError
 from jssa_gym.types import Trace
 
-_FORMAT, _VERSION = "jssa_gym trace", 1
+_FORMAT, _VERSION = "jssa_gym trace", 2
 
 _DIGEST = 64
 """Length of a SHA-256 in hexadecimal digits, with which a file ends."""
@@ -26,9 +26,10 @@ _LARGEST = 512 * 2**20
 _MALFORMED = (KeyError, ValueError, OSError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 """What ``zipfile``, ``numpy.load`` and ``json`` raise about content that is none of theirs."""
 
-_TEXTS = ("name", "robot", "dynamics")
+_TEXTS = ("name", "robot", "dynamics", "task", "ended")
 _NAMES = ("human_names", "plane_names")
-"""Fields that the header holds, beside ``dt``; all others are arrays."""
+_PLAIN = ("dt", "d_min", "holds")
+"""Fields that the header holds; all others are arrays."""
 
 _LAYOUT: dict[str, tuple[str, tuple[str | int, ...]]] = {
     "mount": ("f8", (3,)),
@@ -44,6 +45,10 @@ _LAYOUT: dict[str, tuple[str, tuple[str | int, ...]]] = {
     "acceleration": ("f8", ("T", "n")),
     "jerk": ("f8", ("T", "n")),
     "nominal": ("f8", ("T", "n")),
+    "goal": ("f8", ("T", "g")),
+    "reward": ("f8", ("T",)),
+    "success": ("b1", ("T",)),
+    "limit_violation": ("b1", ("T",)),
     "distance": ("f8", ("T",)),
     "speed": ("f8", ("T",)),
     "acceleration_of_distance": ("f8", ("T",)),
@@ -53,7 +58,9 @@ _LAYOUT: dict[str, tuple[str, tuple[str | int, ...]]] = {
     "status": ("i8", ("T",)),
     "reason": ("U", ("T",)),
     "intervened": ("b1", ("T",)),
+    "correction": ("f8", ("T",)),
     "phi": ("f8", ("T",)),
+    "slack": ("f8", ("T",)),
     "shield_time": ("f8", ("T",)),
     "human_start": ("f8", ("T", "m", 3)),
     "human_end": ("f8", ("T", "m", 3)),
@@ -79,8 +86,8 @@ def save_trace(trace: Trace, path: str | Path, meta: Mapping[str, Any] | None = 
     """
     path = Path(path)
     _check(trace)
-    header = {"format": _FORMAT, "version": _VERSION, "dt": trace.dt, "meta": dict(meta or {})}
-    header |= {field: getattr(trace, field) for field in (*_TEXTS, *_NAMES)}
+    header = {"format": _FORMAT, "version": _VERSION, "meta": dict(meta or {})}
+    header |= {field: getattr(trace, field) for field in (*_PLAIN, *_TEXTS, *_NAMES)}
     try:
         text = json.dumps(header, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -115,9 +122,9 @@ def load_trace(path: str | Path) -> Trace:
     """
     header, arrays = _read(Path(path))
     try:
-        texts = {field: header[field] for field in _TEXTS}
+        texts = {field: header[field] for field in (*_PLAIN, *_TEXTS)}
         names = {field: tuple(header[field]) for field in _NAMES}
-        trace = Trace(dt=header["dt"], **texts, **names, **{field: arrays[field] for field in _LAYOUT})
+        trace = Trace(**texts, **names, **{field: arrays[field] for field in _LAYOUT})
     except (KeyError, TypeError) as error:
         raise TraceError(f"{path} holds no complete trace: {error} is missing or of a wrong type") from error
     _check(trace)
@@ -165,14 +172,23 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return header, arrays
 
 
+def every_step(trace: Trace) -> bool:
+    """Whether the rows are one control step apart, from the first step on: not so with repeated actions."""
+    return bool(np.allclose(trace.time, trace.dt * np.arange(1, len(trace.time) + 1), rtol=0.0, atol=1e-9))
+
+
 def _check(trace: Trace) -> None:
     """Types and shapes of everything.
 
     Raises:
         TraceError: One is wrong; names it.
     """
-    if not (isinstance(trace.dt, float) and 0.0 < trace.dt < np.inf):
-        raise TraceError(f"a trace's dt has to be a positive number, got {trace.dt!r}")
+    for field in ("dt", "d_min"):
+        number = getattr(trace, field)
+        if not (isinstance(number, float) and 0.0 < number < np.inf):
+            raise TraceError(f"a trace's {field} has to be a positive number, got {number!r}")
+    if not isinstance(trace.holds, bool):
+        raise TraceError(f"a trace's holds has to be True or False, got {trace.holds!r}")
     for field in _TEXTS:
         if not isinstance(getattr(trace, field), str):
             raise TraceError(f"a trace's {field} has to be a string, got {getattr(trace, field)!r}")

@@ -95,6 +95,13 @@ class Verdict:
         return all(error <= self.tolerance for error in errors)
 
     @property
+    def same_course(self) -> bool:
+        """:attr:`agrees` but for contact speeds: where axes cross deep inside each other no touching point is the
+        right one.
+        """
+        return self.contact_error == 0 and max(self.distance_error, self.state_error) <= self.tolerance
+
+    @property
     def contact_speed(self) -> float:
         """Largest speed of a touching point of the robot [m/s]; 0 without contact."""
         return max((contact.speed for contact in self.contacts), default=0.0)

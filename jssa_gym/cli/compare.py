@@ -1,0 +1,107 @@
+"""``jssa-gym compare``: filters side by side, as one page."""
+
+import json
+import shlex
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from jssa_gym.cli.evaluate import find_policies_here, play, ticks
+from jssa_gym.envs.arm import MOVING
+from jssa_gym.evaluation.html import write_page
+from jssa_gym.evaluation.leaderboard import Standing, standings
+from jssa_gym.evaluation.plans import Study
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Every combination of tasks, filters, people and policies on paired seeds, as one HTML page.
+
+    A comparison that was interrupted goes on where it stopped when the same command is given again.
+    """
+
+    tasks: tuple[str, ...] = ("reach",)
+    """Tasks of the environment."""
+    filters: tuple[str, ...] = ("jssa+stop", "jssa", "jssa_published", "none+stop", "none")
+    """Filters by name; with +stop behind it, inside the viability box and the verified stop. Differences are told to
+    the first."""
+    humans: tuple[str, ...] = ("walk_by", "approach_retreat")
+    """People by name."""
+    policies: tuple[str, ...] = ("wander",)
+    """Policies by name, or package.module:factory."""
+    episodes: int = 20
+    """Of every combination."""
+    seed: int = 0
+    """First seed."""
+    seconds: float = 8.0
+    """Length of an episode."""
+    out: Path = Path("comparison")
+    """Folder for report.html, episodes.csv, summary.json and recordings; one that is there already is continued."""
+    jobs: int = 1
+    """How many processes."""
+    keep: int = 1
+    """How many recordings of the worst episodes of every combination are kept."""
+    v_safe: float = MOVING
+    """Speed of the robot's touching point from which a contact is critical [m/s]."""
+    json: bool = False
+    """Print JSON instead of a table."""
+
+    def run(self) -> None:
+        """Play, write the page, print."""
+        find_policies_here()
+        study = Study(
+            tuple(dict.fromkeys(self.tasks)),
+            tuple(dict.fromkeys(self.filters)),
+            tuple(dict.fromkeys(self.humans)),
+            tuple(dict.fromkeys(self.policies)),
+            episodes=self.episodes,
+            seed=self.seed,
+            steps=ticks(self.seconds),
+            v_safe=self.v_safe,
+        )
+        reports = play(study, self.out, self.jobs, self.keep)
+        ranked = standings(reports)
+        write_page(self.out / "report.html", study, reports, self._command())
+        if self.json:
+            print(json.dumps([_plain(one) for one in ranked], indent=2, allow_nan=False))
+        else:
+            _show(ranked)
+        Console(stderr=True).print(f"wrote {self.out / 'report.html'}")
+
+    def _command(self) -> str:
+        """What makes the same page again."""
+        parts = ["jssa-gym", "compare"]
+        for name in ("tasks", "filters", "humans", "policies"):
+            parts += [f"--{name}", *getattr(self, name)]
+        for name in ("episodes", "seed", "seconds", "keep", "v_safe"):
+            parts += [f"--{name.replace('_', '-')}", f"{getattr(self, name):g}"]
+        return shlex.join(parts)
+
+
+def _plain(one: Standing) -> dict[str, object]:
+    return {
+        "filter": one.filter,
+        **{key: value for key, value in one.pooled.as_dict().items() if key in ("episodes", "rates", "means")},
+        "rate_differences": {name: asdict(difference) for name, difference in one.rates.items()},
+        "mean_differences": {name: asdict(mean) for name, mean in one.means.items()},
+    }
+
+
+def _show(ranked: list[Standing]) -> None:
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=140)
+    table = Table(title="over all tasks, people and policies, 95 % intervals")
+    for title in ("filter", "success and safe", "success", "collision", "moving contact", "fastest contact", "changed"):
+        table.add_column(title, justify="left" if title == "filter" else "right")
+    for one in ranked:
+        rates, means = one.pooled.rates, one.pooled.means
+        table.add_row(
+            one.filter,
+            *(str(rates[f"{name}_rate"]) for name in ("success_and_safe", "success", "collision", "moving_contact")),
+            f"{means['contact_speed'].most:.2g} m/s",
+            f"{100.0 * means['intervention_rate'].value:.1f} %",
+        )
+    console.print(table)

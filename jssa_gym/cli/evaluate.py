@@ -1,0 +1,128 @@
+"""``jssa-gym evaluate``: a policy under a filter beside people, in numbers."""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from jssa_gym.cli.progress import episodes_bar
+from jssa_gym.envs.arm import DT, MOVING
+from jssa_gym.evaluation.metrics import SeparationParams
+from jssa_gym.evaluation.plans import Study
+from jssa_gym.evaluation.report import METRICS, Report
+from jssa_gym.evaluation.runner import complete
+from jssa_gym.exceptions import ParameterError
+
+
+def ticks(seconds: float) -> int:
+    """Control steps of an episode.
+
+    Raises:
+        ParameterError: Not between 0.1 s and 600 s.
+    """
+    if not 0.1 <= seconds <= 600.0:
+        raise ParameterError(f"seconds has to be between 0.1 and 600, got {seconds}")
+    return round(seconds / DT)
+
+
+def find_policies_here() -> None:
+    """Let ``module:factory`` name a module of the working directory, as ``python -m`` does."""
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
+
+
+def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
+    """Play what is left of a study under a progress bar; an interrupt says how to go on."""
+    console = Console(stderr=True)
+    played = 0
+    with episodes_bar(console) as progress:
+        task = progress.add_task("episodes", total=None)
+
+        def show(done: int, total: int) -> None:
+            nonlocal played
+            played = done
+            progress.update(task, completed=done, total=total)
+
+        try:
+            return complete(study, out, jobs=jobs, keep=keep, progress=show)
+        except KeyboardInterrupt:
+            console.print(f"stopped; the same command goes on from {played} episodes in {out}")
+            raise SystemExit(130) from None
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Play episodes of one policy under one filter and print all metrics with 95 % intervals.
+
+    An evaluation that was interrupted goes on where it stopped when the same command is given again. The folder gets
+    episodes.csv, summary.json and recordings of the worst episodes for `jssa-gym replay`.
+    """
+
+    task: str = "reach"
+    """Task of the environment."""
+    filter: str = "jssa+stop"
+    """Filter by name; with +stop behind it, inside the viability box and the verified stop."""
+    human: str = "walk_by"
+    """People by name."""
+    policy: str = "wander"
+    """Policy by name, or package.module:factory, called with environment and seed."""
+    episodes: int = 100
+    """How many."""
+    seed: int = 0
+    """First seed."""
+    seconds: float = 8.0
+    """Length of an episode."""
+    out: Path = Path("evaluation")
+    """Folder for the results; an evaluation that is there already is continued."""
+    jobs: int = 1
+    """How many processes."""
+    keep: int = 3
+    """How many recordings of the worst episodes are kept."""
+    v_safe: float = MOVING
+    """Speed of the robot's touching point from which a contact is critical [m/s]."""
+    reaction_time: float = 0.1
+    """T_r of speed and separation monitoring [s]."""
+    json: bool = False
+    """Print JSON instead of a table."""
+
+    def run(self) -> None:
+        """Play, print."""
+        find_policies_here()
+        study = Study(
+            (self.task,),
+            (self.filter,),
+            (self.human,),
+            (self.policy,),
+            episodes=self.episodes,
+            seed=self.seed,
+            steps=ticks(self.seconds),
+            v_safe=self.v_safe,
+            separation=SeparationParams(reaction_time=self.reaction_time),
+        )
+        (report,) = play(study, self.out, self.jobs, self.keep)
+        if self.json:
+            print(json.dumps(report.as_dict(), indent=2, allow_nan=False))
+        else:
+            _show(report)
+
+
+def _show(report: Report) -> None:
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=140)
+    table = Table(title=f"{', '.join(report.setting)}: {len(report.episodes):,} episodes, 95 % intervals")
+    for title in ("metric", "rate or mean", "least", "largest", "unit"):
+        table.add_column(title, justify="left" if title in ("metric", "unit") else "right")
+    units = {metric.over_episodes: metric.unit for metric in METRICS}
+    for name, rate in report.rates.items():
+        table.add_row(name, str(rate))
+    for name, mean in report.means.items():
+        table.add_row(name, str(mean), f"{mean.least:.3g}", f"{mean.most:.3g}", units[name])
+    console.print(table)
+    for path in report.traces:
+        console.print(f"one of the worst: jssa-gym replay {path} --verify", highlight=False, soft_wrap=True)
+    if report.unlike:
+        console.print(f"went otherwise when played again: seeds {', '.join(map(str, report.unlike))}")

@@ -1,0 +1,126 @@
+"""``jssa-gym replay``: a recorded episode, drawn, judged by MuJoCo, played again."""
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+
+from jssa_gym import plots
+from jssa_gym.cli.evaluate import find_policies_here
+from jssa_gym.cli.files import writable_folder
+from jssa_gym.cli.film import EVERY, film, pictures
+from jssa_gym.evaluation.replay import judge
+from jssa_gym.evaluation.stage import digest_of, played_again
+from jssa_gym.evaluation.trace import load_trace, read_meta
+from jssa_gym.evaluation.verdict import Verdict
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import RobotModel, make_robot
+from jssa_gym.types import Trace
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Draw a recorded episode; with --verify have MuJoCo judge it, with --again play it anew and compare.
+
+    The exit code is 1 if MuJoCo finds something else than the recording says, or the new episode differs in a bit.
+    """
+
+    episode: Annotated[Path, tyro.conf.Positional]
+    """Recording, as evaluate, compare and stress leave them."""
+    out: Path | None = None
+    """Folder for figure and film; by default the recording's name without its ending."""
+    figure: bool = True
+    """Draw distance, its derivatives, critical capsules and jerks."""
+    video: bool = True
+    """Also film it."""
+    verify: bool = False
+    """Judge it with MuJoCo's kinematics and distances, at 1 kHz."""
+    again: bool = False
+    """Play it anew from its seed and compare bit for bit."""
+    robot: Path | None = None
+    """MJCF file of a robot that is not the package's own."""
+
+    def run(self) -> None:
+        """Read, judge, draw."""
+        if self.figure or self.video:
+            plots.require(film=self.video)
+        trace, meta = load_trace(self.episode), read_meta(self.episode)
+        robot = self._robot(trace)
+        console = Console(soft_wrap=True, highlight=False)
+        console.print(f"{trace.name}: {len(trace.time)} steps of {trace.dt:g} s, {trace.ended}")
+        console.print(f"recorded from {json.dumps(meta)}")
+        agrees = True
+        if self.verify:
+            verdict = judge(trace, robot)
+            agrees = verdict.same_course
+            _tell(verdict, console)
+        if self.again:
+            find_policies_here()
+            same = _same(trace, played_again(meta))
+            agrees = agrees and same
+            console.print(
+                f"played again: {'the same bit for bit' if same else 'DIFFERENT'} (SHA-256 {digest_of(trace)[:16]})"
+            )
+        if self.figure or self.video:
+            self._draw(trace, robot)
+        if not agrees:
+            raise SystemExit(1)
+
+    def _robot(self, trace: Trace) -> RobotModel:
+        try:
+            return make_robot(trace.robot if self.robot is None else self.robot).mounted(trace.mount)
+        except ParameterError as error:
+            raise ParameterError(
+                f"the robot {trace.robot!r} is not the package's own; give its file as --robot"
+            ) from error
+
+    def _draw(self, trace: Trace, robot: RobotModel) -> None:
+        out = self.episode.with_suffix("") if self.out is None else self.out
+        writable_folder(out)
+        console, written = Console(stderr=True, soft_wrap=True), []
+        with Progress(console=console, transient=True) as progress:
+            if self.figure:
+                figure = plots.profile([trace], robot.limits, trace.d_min)
+                figure.savefig(out / "profile.part.png", dpi=110)
+                (out / "profile.part.png").replace(out / "profile.png")
+                written.append(out / "profile.png")
+            if self.video:
+                frames = film([trace], robot, d_min=trace.d_min)
+                bar = progress.track(frames, total=pictures([trace]), description="filming")
+                plots.write_film(out / "episode.mp4", iter(bar), rate=round(1.0 / (trace.dt * EVERY)))
+                written.append(out / "episode.mp4")
+        console.print(f"wrote {', '.join(map(str, written))}")
+
+
+def _tell(verdict: Verdict, console: Console) -> None:
+    word = "agrees" if verdict.same_course else "DISAGREES"
+    console.print(
+        f"MuJoCo {word} at {verdict.samples} moments: smallest distance {verdict.distance:.4g} m, "
+        f"{len(verdict.contacts)} contacts, {sum(contact.moving for contact in verdict.contacts)} of them with the arm "
+        f"moving, {len(verdict.self_collisions)} self-collisions, {len(verdict.plane_collisions)} with table or floor"
+    )
+    console.print(
+        f"largest disagreements: distance {verdict.distance_error:.1e} m, contact at {verdict.contact_error} steps, "
+        f"joint state {verdict.state_error:.1e} of the limits; contact speed {verdict.speed_error:.1e} m/s, which "
+        "counts for nothing where capsules are deep inside each other"
+    )
+    for contact in verdict.contacts[:10]:
+        console.print(
+            f"  {contact.start:.3f} s to {contact.end:.3f} s: {contact.one} and {contact.other}, {contact.depth:.3g} m "
+            f"deep, arm at {contact.speed:.3g} m/s, fault: {contact.fault}"
+        )
+
+
+def _same(one: Trace, other: Trace) -> bool:
+    """Whether two recordings have the same bits in everything but decision times."""
+
+    def bits(value: Any) -> Any:
+        return (value.dtype, value.shape, value.tobytes()) if hasattr(value, "tobytes") else value
+
+    names = [field.name for field in dataclasses.fields(Trace) if field.name not in ("name", "shield_time")]
+    return all(bits(getattr(one, name)) == bits(getattr(other, name)) for name in names)

@@ -1,0 +1,279 @@
+"""A comparison of filters as one page that loads nothing."""
+
+import os
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from jssa_gym.evaluation.leaderboard import PAIRED_MEANS, PAIRED_RATES, Standing, profile, standings
+from jssa_gym.evaluation.metrics import SeparationParams
+from jssa_gym.evaluation.plans import Study
+from jssa_gym.evaluation.report import METRICS, Report, column
+from jssa_gym.evaluation.stage import Scored
+from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
+from jssa_gym.evaluation.svg import Panel, colour, dashes
+
+_STYLE = """
+:root { color-scheme: light; }
+body { font: 15px/1.45 system-ui, sans-serif; color: #1d2125; background: #fff; margin: 2rem auto; max-width: 1500px;
+  padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
+p.note { color: #4a5157; max-width: 75ch; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .88rem; }
+th, td { padding: .3rem .7rem; text-align: right; border-bottom: 1px solid #e3e6e8; white-space: nowrap; }
+th { font-weight: 600; vertical-align: bottom; } th:first-child, td:first-child, td.text, th.text { text-align: left; }
+td.text.long { white-space: normal; }
+figure { display: inline-block; margin: .5rem 1rem .5rem 0; vertical-align: top; } figcaption { max-width: 460px;
+  color: #4a5157; font-size: .88rem; }
+svg .grid { stroke: #e3e6e8; } svg .label { font: 11px system-ui, sans-serif; fill: #4a5157; }
+.key { display: inline-block; margin-right: 1.2rem; white-space: nowrap; }
+code { background: #f3f5f6; padding: .1rem .3rem; border-radius: 3px; font-size: .85rem; }
+details { margin: .4rem 0; } summary { cursor: pointer; }
+"""
+
+_RATES = ("success_and_safe_rate", "success_rate", "collision_rate", "moving_contact_rate")
+_MEANS = ("min_distance", "contact_speed", "limit_violation_rate", "ep_return", "intervention_rate", "backup_rate")
+"""What the first table shows."""
+
+_BOXES = ("min_distance", "contact_speed", "intervention_rate", "path_length", "jerk_rms")
+"""What distributions are drawn of."""
+
+_READING = """Rates are k of n episodes with exact (Clopper-Pearson) 95 % intervals; means are over episodes with
+bootstrap 95 % intervals. All filters met the same seeds: the same people, goals and draws of the policy. Intervals say
+how sure one can be of these numbers <em>for these simulated people, policies and tasks</em>; they say nothing about
+other ones, and nothing about a real cell. A filter without a collision in n episodes may still have a rate of up to the
+upper bound. Differences are not corrected for having looked at many. This is research software, not a safety-rated
+device."""
+
+
+def write_page(path: Path, study: Study, reports: Sequence[Report], command: str) -> None:
+    """Write the comparison; the file appears when it is complete.
+
+    Args:
+        path: Of the file.
+        study: What was compared.
+        reports: A report a setting.
+        command: That made it.
+    """
+    unfinished = path.with_suffix(".part")
+    unfinished.write_text(page(study, reports, command, path.parent))
+    unfinished.replace(path)
+
+
+def page(study: Study, reports: Sequence[Report], command: str, folder: Path) -> str:
+    """The comparison as HTML; recordings are linked from ``folder``."""
+    ranked = standings(reports)
+    number = {name: k for k, name in enumerate(study.filters)}
+    seconds = f"{study.episodes} episodes of at most {study.steps} steps a combination, first seed {study.seed}"
+    parts = [
+        f"<h1>Filters compared</h1><p>{escape(seconds)}. Tasks: {_list(study.tasks)}. People: {_list(study.humans)}. "
+        f"Policies: {_list(study.policies)}.</p><p><code>{escape(command)}</code></p>",
+        f'<p class="note">{_READING}</p>',
+        f"<h2>Over everything</h2><p>{_keys(number)}</p>{_leaderboard(ranked)}",
+        _paired(ranked),
+        f"<h2>Safety against getting there</h2>{_tradeoff(ranked, number)}",
+        f"<h2>Performance profiles</h2>{_profiles(ranked, number)}",
+        f"<h2>Distributions</h2>{_boxes(ranked, number)}",
+        f"<h2>Setting by setting</h2>{_settings(reports)}",
+        f"<h2>Worst episodes</h2>{_worst(reports, folder)}",
+        f"<h2>What the numbers are</h2>{_definitions(study.v_safe, study.separation)}",
+        f"<h2>All numbers</h2>{''.join(_everything(report) for report in reports)}",
+    ]
+    head = f'<meta charset="utf-8"><title>Filters compared</title><style>{_STYLE}</style>'
+    return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>{"".join(parts)}</body></html>\n'
+
+
+def _list(names: Sequence[str]) -> str:
+    return escape(", ".join(names))
+
+
+def _keys(number: dict[str, int]) -> str:
+    return "".join(
+        f'<span class="key"><svg width="26" height="8"><line x1="0" x2="26" y1="4" y2="4" stroke="{colour(k)}" '
+        f'stroke-width="3" stroke-dasharray="{dashes(k)}"/></svg> {escape(name)}</span>'
+        for name, k in number.items()
+    )
+
+
+def _table(titles: Sequence[str], rows: Iterable[Sequence[str]], text: int = 1) -> str:
+    """Rows of HTML; the first columns are text."""
+    kinds = [' class="text"' if k < text else "" for k in range(len(titles))]
+    head = "".join(f"<th{kind}>{title}</th>" for kind, title in zip(kinds, titles, strict=True))
+    body = "".join(
+        f"<tr>{''.join(f'<td{kind}>{cell}</td>' for kind, cell in zip(kinds, row, strict=True))}</tr>" for row in rows
+    )
+    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _numbers(report: Report) -> list[str]:
+    return [
+        *(escape(str(report.rates[name])) for name in _RATES),
+        *(escape(str(report.means[name])) if name in report.means else "-" for name in _MEANS),
+    ]
+
+
+def _titles() -> list[str]:
+    units = {metric.over_episodes: metric.unit for metric in METRICS}
+    return [name + (f" [{units[name]}]" if units[name] else "") for name in (*_RATES, *_MEANS)]
+
+
+def _leaderboard(ranked: Sequence[Standing]) -> str:
+    rows = [[escape(one.filter), str(len(one.pooled.episodes)), *_numbers(one.pooled)] for one in ranked]
+    return _table(["filter", "episodes", *_titles()], rows)
+
+
+def _paired(ranked: Sequence[Standing]) -> str:
+    others = [one for one in ranked if one.rates]
+    if not others:
+        return ""
+    (first,) = (one.filter for one in ranked if not one.rates)
+    rows = [
+        [
+            escape(one.filter),
+            *(_difference(one.rates[name]) for name in PAIRED_RATES),
+            *(_shift(one.means.get(name)) for name in PAIRED_MEANS),
+        ]
+        for one in others
+    ]
+    return (
+        f"<h2>Minus {escape(first)}, on the same episodes</h2>"
+        + _table(["filter", *(f"{name}_rate" for name in PAIRED_RATES), *PAIRED_MEANS], rows)
+        + "<p class=\"note\">Rates: difference with Bonett and Price's interval, and p of McNemar's exact test. Means: "
+        "bootstrap of the paired differences.</p>"
+    )
+
+
+def _difference(of: PairedDifference) -> str:
+    return f"{100 * of.value:+.1f} % ({100 * of.low:+.1f} to {100 * of.high:+.1f}), p = {of.p_value:.2g}"
+
+
+def _shift(mean: Mean | None) -> str:
+    return "-" if mean is None else f"{mean.value:+.3g} ({mean.low:+.3g} to {mean.high:+.3g})"
+
+
+def _tradeoff(ranked: Sequence[Standing], number: dict[str, int]) -> str:
+    figures = []
+    for bad, what in (("moving_contact_rate", "contact with the arm moving"), ("collision_rate", "any contact")):
+        panel = Panel((0.0, 1.0), (0.0, 1.0), "success rate", f"share without {what}")
+        for one in ranked:
+            reached, met = one.pooled.rates["success_rate"], one.pooled.rates[bad]
+            panel.cross(
+                (reached.value, reached.low, reached.high),
+                (1.0 - met.value, 1.0 - met.high, 1.0 - met.low),
+                number[one.filter],
+                f"{one.filter}: success {reached}, {what} {met}",
+            )
+        figures.append(f"<figure>{panel}<figcaption>Without {what}. Up and right is better.</figcaption></figure>")
+    return "".join(figures)
+
+
+def _profiles(ranked: Sequence[Standing], number: dict[str, int]) -> str:
+    figures = [_profile(ranked, number, "min_distance", "m", None)]
+    for task in dict.fromkeys(episode.task for episode in ranked[0].pooled.episodes):
+        figures.append(_profile(ranked, number, "ep_return", f"task {task}", task))
+    return "".join(figures)
+
+
+def _profile(ranked: Sequence[Standing], number: dict[str, int], name: str, what: str, task: str | None) -> str:
+    values = {one.filter: column([e for e in one.pooled.episodes if task in (None, e.task)], name) for one in ranked}
+    finite = np.concatenate([x[np.isfinite(x)] for x in values.values()])
+    if not len(finite):
+        return ""
+    thresholds = np.linspace(finite.min(), finite.max(), 80)
+    panel = Panel((thresholds[0], thresholds[-1]), (0.0, 1.0), f"{name} [{what}]", "share of episodes ≥ x")
+    for of, x in values.items():
+        share, count = profile(x, thresholds), len(x)
+        bounds = np.array([clopper_pearson(round(s * count), count) for s in share])
+        panel.band(thresholds, bounds[:, 0], bounds[:, 1], number[of])
+        panel.curve(thresholds, share, number[of], of)
+    caption = "Share of the episodes with at least so much; pointwise 95 % intervals."
+    return f"<figure>{panel}<figcaption>{caption}</figcaption></figure>"
+
+
+def _boxes(ranked: Sequence[Standing], number: dict[str, int]) -> str:
+    figures, units = [], {metric.name: metric.unit for metric in METRICS}
+    for name in _BOXES:
+        values = {one.filter: column(one.pooled.episodes, name) for one in ranked}
+        quantiles = {
+            of: np.quantile(x[np.isfinite(x)], [0, 0.25, 0.5, 0.75, 1])
+            for of, x in values.items()
+            if np.isfinite(x).any()
+        }
+        if not quantiles:
+            continue
+        ends = (min(q[0] for q in quantiles.values()), max(q[-1] for q in quantiles.values()))
+        names = [one.filter for one in ranked]
+        title = f"{name} [{units[name]}]" if units[name] else name
+        panel = Panel(ends, (len(names) - 0.5, -0.5), title, "", names=names, height=58.0 + 24.0 * len(names))
+        for row, of in enumerate(names):
+            if of in quantiles:
+                told = ", ".join(f"{value:.3g}" for value in quantiles[of])
+                panel.box(row, quantiles[of].tolist(), number[of], f"{of}: {told}")
+        figures.append(f"<figure>{panel}</figure>")
+    return "".join(figures) + '<p class="note">Least, quartiles and largest over all episodes.</p>'
+
+
+def _settings(reports: Sequence[Report]) -> str:
+    rows = [[*(escape(part) for part in report.setting), *_numbers(report)] for report in reports]
+    return _table(["task", "filter", "people", "policy", *_titles()], rows, text=4)
+
+
+def _worst(reports: Sequence[Report], folder: Path) -> str:
+    rows = []
+    for report in reports:
+        by_name = {episode.trace_name: episode for episode in report.episodes}
+        for path in report.traces:
+            episode = by_name[path.name]
+            rows.append([*(escape(part) for part in report.setting), *_told(episode), _link(path, folder)])
+    if not rows:
+        return "<p>None were recorded.</p>"
+    unlike = [f"{', '.join(r.setting)}, seed {seed}" for r in reports for seed in r.unlike]
+    note = f"<p>Went otherwise when played again: {escape('; '.join(unlike))}.</p>" if unlike else ""
+    titles = ["task", "filter", "people", "policy", "seed", "contact speed", "min distance", "to see it again"]
+    return _table(titles, rows, text=4) + note
+
+
+def _told(episode: Scored) -> list[str]:
+    summary = episode.summary
+    return [str(episode.seed), f"{summary.contact_speed:.3g} m/s", f"{summary.min_distance:.3g} m"]
+
+
+def _link(path: Path, folder: Path) -> str:
+    place = Path(os.path.relpath(path, folder)).as_posix()
+    return f'<a href="{escape(place)}">recording</a> <code>jssa-gym replay {escape(str(path))} --verify</code>'
+
+
+def _definitions(v_safe: float, separation: SeparationParams) -> str:
+    speed = "measured" if separation.human_speed is None else f"{separation.human_speed:g} m/s"
+    stated = (
+        f"v_safe = {v_safe:g} m/s. Speed and separation monitoring with v_h = {speed}, T_r = "
+        f"{separation.reaction_time:g} s, C = {separation.intrusion:g} m, Z = {separation.uncertainty:g} m; T_s and "
+        "S_s are those of the jerk-limited stop. Decision times are those of the machine that ran this, and of "
+        "all that ran beside it."
+    )
+    rows = [[escape(metric.name), escape(metric.unit), escape(metric.text)] for metric in METRICS]
+    table = _table(["metric", "unit", "definition"], rows, text=3).replace(
+        '<td class="text">', '<td class="text long">'
+    )
+    return f'<p class="note">{escape(stated)}</p><details><summary>All metrics</summary>{table}</details>'
+
+
+def _everything(report: Report) -> str:
+    units = {metric.over_episodes: metric.unit for metric in METRICS}
+    rows = [
+        *([name, escape(str(rate)), "", "", "", str(rate.n)] for name, rate in report.rates.items()),
+        *(
+            [f"{name} [{units[name]}]" if units[name] else name, escape(str(mean)), *_ends(mean), str(mean.n)]
+            for name, mean in report.means.items()
+        ),
+    ]
+    title = escape(", ".join(report.setting))
+    titles = ["", "rate or mean", "least", "5th percentile", "largest", "episodes"]
+    return f"<details><summary>{title}</summary>{_table(titles, rows)}</details>"
+
+
+def _ends(mean: Mean) -> list[str]:
+    return [f"{value:.3g}" for value in (mean.least, mean.p05, mean.most)]

@@ -1,0 +1,255 @@
+"""What is evaluated: named combinations, or an environment and a policy of one's own."""
+
+import hashlib
+import importlib
+import pickle
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from itertools import product
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+
+from jssa_gym.envs.arm import MOVING, ArmEnv
+from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.campaign import SPACING, paired_seeds
+from jssa_gym.evaluation.contenders import PEOPLE
+from jssa_gym.evaluation.metrics import SeparationParams
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.policies import POLICIES, Policy
+from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.shields import FILTERS, Shield, make_filter
+from jssa_gym.validation import known_name, number_within, positive_integer
+
+STOP = "+stop"
+"""Ending of a filter's name: with the viability box and the verified stop around it."""
+
+
+class Setting(NamedTuple):
+    """One kind of episode."""
+
+    task: str
+    filter: str
+    human: str
+    policy: str
+
+
+def put_filter(env: gym.Env, name: str) -> Shield:
+    """A shield by the name of its filter around an environment.
+
+    Args:
+        env: The environment; see :class:`~jssa_gym.shields.Shield` for what it has to offer.
+        name: Of :data:`~jssa_gym.shields.FILTERS`, for the bare filter; with :data:`STOP` behind it, with viability
+            box and verified stop.
+
+    Raises:
+        ParameterError: Unknown name.
+    """
+    bare = name.removesuffix(STOP)
+    if bare not in FILTERS:
+        raise ParameterError(f"unknown filter {name!r}; valid: {', '.join(FILTERS)}, and each with '{STOP}' behind it")
+    robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
+    stop = bare != name
+    return Shield(env, make_filter(bare, robot, dt, viability=stop, failsafe=FailsafeParams() if stop else None))
+
+
+def make_policy(policy: Any, env: gym.Env, seed: int) -> Policy:
+    """A policy for one episode.
+
+    Args:
+        policy: A name of :data:`~jssa_gym.policies.POLICIES`; ``"package.module:factory"``, called with environment
+            and seed; anything with a method ``predict``, as the models of Stable-Baselines3, asked for its
+            deterministic action; or a callable from observation to action.
+        env: The environment that it acts in.
+        seed: Of what it draws.
+
+    Raises:
+        ParameterError: It is nothing of these.
+    """
+    if isinstance(policy, str):
+        return _factory(policy)(env, seed)
+    if hasattr(policy, "predict"):
+        return lambda observation: policy.predict(observation, deterministic=True)[0]
+    if callable(policy):
+        return policy
+    raise ParameterError(f"a policy is a name, 'module:factory', a model or a callable, got {policy!r}")
+
+
+def _factory(name: str) -> Callable[[gym.Env, int], Policy]:
+    if name in POLICIES:
+        return POLICIES[name]
+    if ":" not in name:
+        raise ParameterError(f"unknown policy {name!r}; valid: {', '.join(POLICIES)}, or package.module:factory")
+    module, _, attribute = name.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ParameterError(f"cannot load the policy {name!r}: {error}") from error
+    if not callable(found):
+        raise ParameterError(f"the policy {name!r} is no factory that can be called with an environment and a seed")
+    return found
+
+
+def _check(plan: "Study | Single") -> None:
+    if positive_integer("episodes", plan.episodes) > SPACING:
+        raise ParameterError(f"episodes has to be at most {SPACING} of a combination, got {plan.episodes}")
+    if isinstance(plan.seed, bool) or not isinstance(plan.seed, int) or plan.seed < 0:
+        raise ParameterError(f"seed has to be a whole number of at least 0, got {plan.seed!r}")
+    positive_integer("steps", plan.steps)
+    number_within("v_safe", plan.v_safe, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """All combinations of some tasks, filters, people and policies, every one on the same seeds for all filters.
+
+    Raises:
+        ParameterError: An unknown name, none at all, or a number out of range.
+    """
+
+    tasks: tuple[str, ...]
+    filters: tuple[str, ...]
+    humans: tuple[str, ...]
+    policies: tuple[str, ...]
+    episodes: int = 100
+    """Of every combination."""
+    seed: int = 0
+    """First seed."""
+    steps: int = 1000
+    """Control steps of an episode."""
+    v_safe: float = MOVING
+    """Speed of the robot's touching point from which a contact is critical [m/s]."""
+    separation: SeparationParams = field(default_factory=SeparationParams)
+
+    def __post_init__(self) -> None:
+        _check(self)
+        for name in ("tasks", "filters", "humans", "policies"):
+            if not getattr(self, name):
+                raise ParameterError(f"no {name} to evaluate")
+        for task in self.tasks:
+            known_name("task", task, TASKS)
+        for human in self.humans:
+            known_name("human", human, PEOPLE)
+        for name in self.filters:
+            if name.removesuffix(STOP) not in FILTERS:
+                valid = ", ".join(FILTERS)
+                raise ParameterError(f"unknown filter {name!r}; valid: {valid}, and each with '{STOP}' behind it")
+        for policy in self.policies:
+            _factory(policy)
+
+    def seeds(self) -> dict[Setting, list[int]]:
+        """Seeds of every setting: the same for all filters, others for everything else."""
+        settings = (Setting(t, f, h, p) for t, h, p, f in product(self.tasks, self.humans, self.policies, self.filters))
+        return paired_seeds(((one, (one.task, one.human, one.policy), self.episodes) for one in settings), self.seed)
+
+    def config(self) -> dict[str, Any]:
+        """All that decides about the results, as JSON can hold it."""
+        return asdict(self)
+
+    def build(self, setting: Setting) -> gym.Env:
+        """The environment of a setting."""
+        return put_filter(ArmEnv(setting.task, human=PEOPLE[setting.human](), terminate_on=()), setting.filter)
+
+    def policy(self, setting: Setting) -> Any:
+        """What :func:`make_policy` takes."""
+        return setting.policy
+
+
+@dataclass(frozen=True, slots=True)
+class Single:
+    """An environment and a policy, whatever they are.
+
+    Raises:
+        ParameterError: A number is out of range, or environment or policy is nothing that can be evaluated.
+    """
+
+    env: str | Callable[[], gym.Env] | gym.Env
+    policy_of: Any
+    """What :func:`make_policy` takes."""
+    env_kwargs: Mapping[str, Any] | None = None
+    """Of ``gymnasium.make``, where ``env`` is an id."""
+    filter: str | None = None
+    """Put around the environment; None leaves it as it is."""
+    episodes: int = 100
+    seed: int = 0
+    steps: int = 1000
+    v_safe: float = MOVING
+    separation: SeparationParams = field(default_factory=SeparationParams)
+
+    def __post_init__(self) -> None:
+        _check(self)
+        if isinstance(self.env, str):
+            if self.env not in gym.registry:
+                ours = ", ".join(sorted(name for name in gym.registry if name.startswith("jssa_gym/")))
+                raise ParameterError(f"unknown environment {self.env!r}; those of this package: {ours}")
+        elif self.env_kwargs:
+            raise ParameterError("env_kwargs belong to an environment's id, not to a factory or an environment")
+        elif not (isinstance(self.env, gym.Env) or callable(self.env)):
+            raise ParameterError(f"env has to be an id, a factory or an environment, got {self.env!r}")
+        if isinstance(self.policy_of, str):
+            _factory(self.policy_of)
+        elif not (hasattr(self.policy_of, "predict") or callable(self.policy_of)):
+            make_policy(self.policy_of, None, 0)  # ty: ignore[invalid-argument-type]  # raises
+
+    @property
+    def setting(self) -> Setting:
+        """The only one: names, or classes where there are none."""
+        human = (self.env_kwargs or {}).get("human", "")
+        return Setting(
+            _named(self.env), self.filter or "", human if isinstance(human, str) else "", _named(self.policy_of)
+        )
+
+    def seeds(self) -> dict[Setting, list[int]]:
+        """Seeds of the only setting."""
+        return {self.setting: list(range(self.seed, self.seed + self.episodes))}
+
+    def config(self) -> dict[str, Any]:
+        """All that decides about the results, as JSON can hold it: objects by name and digest."""
+        return {
+            "env": _identity("env", self.env),
+            "policy": _identity("policy", self.policy_of),
+            "env_kwargs": _identity("env_kwargs", dict(self.env_kwargs or {})),
+            "filter": self.filter,
+            "episodes": self.episodes,
+            "seed": self.seed,
+            "steps": self.steps,
+            "v_safe": self.v_safe,
+            "separation": asdict(self.separation),
+        }
+
+    def build(self, setting: Setting) -> gym.Env:
+        """The environment; ids of this package run to the horizon unless ``terminate_on`` says otherwise."""
+        if isinstance(self.env, str):
+            kwargs: dict[str, Any] = dict(self.env_kwargs or {})
+            if self.env.startswith("jssa_gym/"):
+                kwargs = {"terminate_on": (), "max_episode_steps": self.steps, **kwargs}
+            env = gym.make(self.env, **kwargs)
+        else:
+            env = self.env if isinstance(self.env, gym.Env) else self.env()
+        return env if self.filter is None else put_filter(env, self.filter)
+
+    def policy(self, setting: Setting) -> Any:
+        """What :func:`make_policy` takes."""
+        return self.policy_of
+
+
+def _named(thing: Any) -> str:
+    if isinstance(thing, str):
+        return thing
+    if isinstance(thing, gym.Env):
+        return thing.spec.id if thing.spec is not None else type(thing.unwrapped).__name__
+    return getattr(thing, "__name__", type(thing).__name__)
+
+
+def _identity(name: str, thing: Any) -> str:
+    """What tells a thing from others in another process: itself if it is a name, else a digest of its content."""
+    if isinstance(thing, str):
+        return thing
+    try:
+        content = pickle.dumps(thing)
+    except Exception as error:  # what pickling an object raises is up to the object
+        raise ParameterError(
+            f"{name} cannot be told again after a crash, nor sent to another process ({error}); give a name, a "
+            "function of a module, or 'module:factory'"
+        ) from error
+    return f"{_named(thing)} {hashlib.sha256(content).hexdigest()[:16]}"

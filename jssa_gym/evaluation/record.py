@@ -1,0 +1,113 @@
+"""Safety metrics of every episode of any training loop."""
+
+from collections import deque
+from dataclasses import asdict
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from jssa_gym.envs.arm import MOVING
+from jssa_gym.evaluation.fields import metrics_of
+from jssa_gym.evaluation.steps import Steps, StepSummary, summarise_steps
+from jssa_gym.exceptions import InterfaceError
+from jssa_gym.shields.filter import OUTSIDE
+from jssa_gym.types import Status
+from jssa_gym.validation import number_within, positive_integer
+
+_NEEDED = ("success", "distance", "contact", "contact_speed", "limit_violation")
+"""Keys of ``info`` that there have to be; those of a shield may be missing."""
+
+_OPTIONAL = frozenset(metric.name for metric in metrics_of(StepSummary) if metric.optional)
+
+
+class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
+    """Adds an episode's safety metrics to ``info["safety"]`` at its end.
+
+    In the manner of Gymnasium's ``RecordEpisodeStatistics``; it goes around the shield, inside ``ActionRepeat``, and
+    works in vector environments. ``info["safety"]`` is a dictionary of the fields of
+    :class:`~jssa_gym.evaluation.steps.StepSummary`, NaN where an episode has none, so that all values are numbers.
+
+    Args:
+        env: An environment that offers ``dt`` [s] and whose ``info`` has ``success``, ``distance``, ``contact``,
+            ``contact_speed`` and ``limit_violation`` after every step.
+        buffer_length: How many episodes :attr:`recent` remembers.
+        v_safe: Speed of the robot's touching point from which a contact is critical [m/s].
+
+    Raises:
+        InterfaceError: The environment offers no ``dt``; at the first step, if ``info`` lacks a key.
+        ParameterError: A number is out of range.
+    """
+
+    def __init__(self, env: gym.Env, buffer_length: int = 100, v_safe: float = MOVING) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, buffer_length=buffer_length, v_safe=v_safe)
+        gym.Wrapper.__init__(self, env)
+        if not env.has_wrapper_attr("dt"):
+            raise InterfaceError(f"{env} has no attribute 'dt', the control step [s]")
+        self._dt = float(env.get_wrapper_attr("dt"))
+        self._d_min = float(env.get_wrapper_attr("d_min")) if env.has_wrapper_attr("d_min") else 0.05
+        self._holds = env.has_wrapper_attr("task") and not env.get_wrapper_attr("task").ends
+        self._v_safe = number_within("v_safe", v_safe, 0.0)
+        self._rows: list[tuple[Any, ...]] = []
+        self.recent: deque[StepSummary] = deque(maxlen=positive_integer("buffer_length", buffer_length))
+        """The latest episodes, the last one at the end."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; an episode that was not ended is forgotten."""
+        self._rows.clear()
+        return self.env.reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step the environment and take down what ``info`` says."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        try:
+            self._rows.append(
+                (
+                    float(reward),
+                    info["success"],
+                    info["distance"],
+                    info["contact"],
+                    info["contact_speed"],
+                    info["limit_violation"],
+                    info.get("shield/status", 0),
+                    info.get("shield/reason", OUTSIDE) != OUTSIDE,
+                    info.get("shield/intervened", False),
+                    info.get("shield/correction", np.nan),
+                    info.get("shield/phi", np.nan),
+                    info.get("shield/slack", np.nan),
+                )
+            )
+        except KeyError as error:
+            raise InterfaceError(f"info has no key {error}; RecordSafety needs {', '.join(_NEEDED)}") from error
+        if terminated or truncated:
+            summary = self._summary(terminated)
+            self._rows.clear()
+            self.recent.append(summary)
+            info["safety"] = {
+                name: (np.nan if value is None else float(value)) if name in _OPTIONAL else value
+                for name, value in asdict(summary).items()
+            }
+        return observation, reward, terminated, truncated, info
+
+    def _summary(self, terminated: bool) -> StepSummary:
+        kinds = (float, bool, float, bool, float, bool, np.int64, bool, bool, float, float, float)
+        columns = [np.array(x, kind) for x, kind in zip(zip(*self._rows, strict=True), kinds, strict=True)]
+        (reward, success, distance, contact, contact_speed, violation, status, reasoned, *rest) = columns
+        ended = "terminated" if terminated else "truncated"
+        changed = reasoned & (status != Status.NOMINAL)
+        steps = Steps(
+            self._dt,
+            self._d_min,
+            self._holds,
+            ended,
+            reward,
+            success,
+            distance,
+            contact,
+            contact_speed,
+            violation,
+            status,
+            changed,
+            *rest,
+        )
+        return summarise_steps(steps, self._v_safe)

@@ -1,0 +1,187 @@
+"""Evaluations: play what is left, keep the worst, report."""
+
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+from jssa_gym.envs.arm import MOVING
+from jssa_gym.evaluation.ledger import Chunk, Ledger, package_version, worst
+from jssa_gym.evaluation.metrics import SeparationParams
+from jssa_gym.evaluation.plans import Setting, Single
+from jssa_gym.evaluation.report import Report, write_reports
+from jssa_gym.evaluation.stage import AnyStudy, Scored, record, score
+from jssa_gym.evaluation.trace import read_meta
+from jssa_gym.evaluation.workers import run
+from jssa_gym.exceptions import ParameterError, TraceError
+from jssa_gym.validation import positive_integer
+
+_CHUNK = 10
+"""Most episodes of one setting played together: what a crash loses at most, for every job."""
+
+Progress = Callable[[int, int], Any]
+"""Called with the number of episodes played so far and of all."""
+
+
+def evaluate(
+    env: str | Callable[[], gym.Env] | gym.Env,
+    policy: Any,
+    episodes: int = 100,
+    seed: int = 0,
+    *,
+    env_kwargs: Mapping[str, Any] | None = None,
+    filter: str | None = None,
+    steps: int = 1000,
+    jobs: int = 1,
+    out: str | Path | None = None,
+    keep: int = 3,
+    v_safe: float = MOVING,
+    separation: SeparationParams | None = None,
+    progress: Progress | None = None,
+) -> Report:
+    """Play episodes and put them into numbers.
+
+    Args:
+        env: An id, a function that makes an environment, or, with one job, an environment. Ids of this package run to
+            the horizon unless ``env_kwargs`` has ``terminate_on``.
+        policy: See :func:`~jssa_gym.evaluation.plans.make_policy`: a name, ``"module:factory"``, a model with
+            ``predict`` or a callable.
+        episodes: How many.
+        seed: First seed; episode k has seed + k, so that two evaluations with the same seed are paired.
+        env_kwargs: Of ``gymnasium.make``.
+        filter: Put around the environment: a name of ``FILTERS``, bare or with ``+stop`` behind it.
+        steps: Control steps of an episode, at most.
+        jobs: How many processes; with several, environment and policy have to be picklable.
+        out: Folder for ``episodes.csv``, ``summary.json`` and the worst episodes' recordings; an evaluation that is
+            there already is continued.
+        keep: How many recordings of the worst episodes are kept.
+        v_safe: Speed of the robot's touching point from which a contact is critical [m/s].
+        separation: Parameters of ``ssm_margin`` and its kin.
+        progress: Called after every few episodes.
+
+    Raises:
+        ParameterError: An argument is unknown, out of range or cannot be sent to another process, or the folder holds
+            another evaluation.
+    """
+    plan = Single(
+        env,
+        policy,
+        env_kwargs,
+        filter,
+        episodes,
+        seed,
+        steps,
+        v_safe,
+        SeparationParams() if separation is None else separation,
+    )
+    folder = None if out is None else Path(out)
+    return complete(plan, folder, jobs=jobs, keep=keep, progress=progress)[0]
+
+
+def complete(
+    plan: AnyStudy, folder: Path | None, *, jobs: int = 1, keep: int = 1, progress: Progress | None = None
+) -> list[Report]:
+    """Play what is left of a plan and report on all of it, a report a setting.
+
+    Args:
+        plan: What is evaluated.
+        folder: Where results are kept, and continued; None to keep none.
+        jobs: How many processes.
+        keep: How many recordings of the worst episodes of every setting are kept.
+        progress: Called after every few episodes.
+
+    Raises:
+        ParameterError: As of :func:`evaluate`.
+    """
+    jobs = positive_integer("jobs", jobs)
+    if isinstance(keep, bool) or not isinstance(keep, int) or keep < 0:
+        raise ParameterError(f"keep has to be a whole number of at least 0, got {keep!r}")
+    if jobs > 1:
+        _check_sendable(plan)
+    ledger = None if folder is None else Ledger(folder, plan, Scored, package_version())
+    seeds = plan.seeds()
+    total = sum(len(some) for some in seeds.values())
+    played: list[Scored] = []
+    # small enough that nobody waits for the last one
+    size = min(_CHUNK, max(1, total // (4 * jobs)))
+    if ledger is None:
+        chunks = [
+            Chunk(plan, setting, some[k : k + size], Path())
+            for setting, some in seeds.items()
+            for k in range(0, len(some), size)
+        ]
+    else:
+        chunks, played = ledger.chunks(size), ledger.episodes
+
+    def done(episodes: list[Scored]) -> None:
+        if ledger is None:
+            played.extend(episodes)
+        else:
+            ledger.append(episodes)
+        if progress is not None:
+            progress(len(played), total)
+
+    if progress is not None:
+        progress(len(played), total)
+    run(score, chunks, jobs, done)
+    by_setting: dict[Setting, list[Scored]] = {setting: [] for setting in seeds}
+    for episode in played:
+        by_setting[episode.cell].append(episode)
+    reports = [Report.of(episodes) for episodes in by_setting.values()]
+    if ledger is not None:
+        reports = _with_worst(ledger, reports, keep, jobs)
+        write_reports(ledger.folder / "summary.json", reports)
+    return reports
+
+
+def _with_worst(ledger: Ledger[Any, Scored], reports: Sequence[Report], keep: int, jobs: int) -> list[Report]:
+    """Record the worst episodes, by playing them again: recording all would cost more than playing them."""
+    chosen = {report.setting: worst(report.episodes, keep) for report in reports}
+    missing = {
+        setting: [episode.seed for episode in episodes if _digest(ledger.traces / episode.trace_name) != episode.digest]
+        for setting, episodes in chosen.items()
+    }
+    saved: dict[Path, str] = {}
+    # a process takes seconds to start: a few episodes are played here
+    count = sum(len(some) for some in missing.values())
+    run(
+        record,
+        [Chunk(ledger.plan, setting, some, ledger.traces) for setting, some in missing.items() if some],
+        jobs if count >= _CHUNK * jobs else 1,
+        saved.update,
+    )
+    return [
+        replace(
+            report,
+            traces=tuple(ledger.traces / episode.trace_name for episode in chosen[report.setting]),
+            unlike=tuple(
+                episode.seed
+                for episode in chosen[report.setting]
+                if saved.get(ledger.traces / episode.trace_name, episode.digest) != episode.digest
+            ),
+        )
+        for report in reports
+    ]
+
+
+def _digest(path: Path) -> str | None:
+    """What a recording says of itself; None if there is none."""
+    try:
+        return read_meta(path).get("digest")
+    except TraceError:
+        return None
+
+
+def _check_sendable(plan: AnyStudy) -> None:
+    if isinstance(plan, Single) and isinstance(plan.env, gym.Env):
+        raise ParameterError("an environment cannot be shared between processes; give an id or a factory, or jobs=1")
+    try:
+        pickle.dumps(plan)
+    except Exception as error:  # what pickling an object raises is up to the object
+        raise ParameterError(
+            f"with several jobs environment and policy have to be picklable ({error}); give names, functions of a "
+            "module or 'module:factory', or jobs=1"
+        ) from error

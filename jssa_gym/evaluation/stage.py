@@ -1,0 +1,137 @@
+"""Episodes of an evaluation: played and recorded, put into numbers."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.evaluation.episodes import POLICY_SEEDS, digest
+from jssa_gym.evaluation.geometry import geometry
+from jssa_gym.evaluation.ledger import Chunk, trace_name
+from jssa_gym.evaluation.metrics import Summary, summarise
+from jssa_gym.evaluation.plans import Setting, Single, Study, make_policy
+from jssa_gym.evaluation.rollout import rollout
+from jssa_gym.evaluation.trace import save_trace
+from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.types import Trace
+
+AnyStudy = Study | Single
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """One episode of an evaluation in numbers."""
+
+    task: str
+    filter: str
+    human: str
+    policy: str
+    seed: int
+    summary: Summary
+    digest: str
+    """SHA-256 of states, jerks and statuses."""
+    wall: float
+    """Time that it took [s]."""
+
+    @property
+    def cell(self) -> Setting:
+        """What kind of episode it is."""
+        return Setting(self.task, self.filter, self.human, self.policy)
+
+    @property
+    def severity(self) -> tuple[float, float, float]:
+        """For keeping the worst: by the speed of the touching point, then by limits exceeded, then by distance."""
+        summary = self.summary
+        return summary.contact_speed, summary.limit_violation_rate, -summary.min_distance
+
+    @property
+    def trace_name(self) -> str:
+        """Name of the file with its recording."""
+        return trace_name(self.cell, self.seed)
+
+
+class Stage:
+    """One setting's environment, in which its episodes are played one after the other.
+
+    Args:
+        plan: What is evaluated.
+        setting: Which of its settings.
+    """
+
+    def __init__(self, plan: AnyStudy, setting: Setting) -> None:
+        self.plan, self.setting = plan, setting
+        self.env = plan.build(setting)
+        base = self.env.unwrapped
+        if not isinstance(base, ArmEnv):
+            raise InterfaceError(
+                f"only environments around ArmEnv can be evaluated, not {type(base).__name__}: an evaluation needs the "
+                "truth about distances; RecordSafety takes what info has"
+            )
+        self.robot = base.robot
+
+    def record(self, seed: int) -> Trace:
+        """One episode."""
+        # policies see the truth: what they are told must not depend on the shield's sensor
+        policy = make_policy(self.plan.policy(self.setting), self.env.unwrapped, POLICY_SEEDS + seed)
+        name = f"{', '.join(part for part in self.setting if part)}, seed {seed}"
+        return rollout(self.env, policy, seed=seed, steps=self.plan.steps, name=name)
+
+    def score(self, seed: int) -> Scored:
+        """One episode in numbers."""
+        begin, plan = time.perf_counter(), self.plan
+        trace = self.record(seed)
+        summary = summarise(
+            trace, self.robot.limits, geometry(trace, self.robot), v_safe=plan.v_safe, separation=plan.separation
+        )
+        return Scored(*self.setting, seed, summary, digest_of(trace), time.perf_counter() - begin)
+
+
+def digest_of(trace: Trace) -> str:
+    """SHA-256 of an episode's states, jerks and statuses."""
+    states = np.stack([trace.position, trace.velocity, trace.acceleration], axis=1)
+    return digest(states, trace.jerk, trace.status)
+
+
+def score(chunk: Chunk[AnyStudy, Setting]) -> list[Scored]:
+    """Play episodes of one setting."""
+    stage = Stage(chunk.plan, chunk.cell)
+    return [stage.score(seed) for seed in chunk.seeds]
+
+
+def record(chunk: Chunk[AnyStudy, Setting]) -> list[tuple[Path, str]]:
+    """Play episodes of one setting again and save their recordings; paths and digests."""
+    stage, saved = Stage(chunk.plan, chunk.cell), []
+    chunk.traces.mkdir(parents=True, exist_ok=True)
+    for seed in chunk.seeds:
+        trace = stage.record(seed)
+        path, told = chunk.traces / trace_name(chunk.cell, seed), digest_of(trace)
+        save_trace(trace, path, meta_of(chunk.plan, chunk.cell, seed, told))
+        saved.append((path, told))
+    return saved
+
+
+def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str, Any]:
+    """Where a recording comes from, for :func:`played_again`."""
+    named = isinstance(plan, Study)
+    return {**setting._asdict(), "seed": seed, "steps": plan.steps, "digest": told, "named": named}
+
+
+def played_again(meta: Mapping[str, Any]) -> Trace:
+    """Play a recorded episode anew from what its recording says of itself.
+
+    Raises:
+        ParameterError: It does not say enough: only episodes made of names can be made again.
+    """
+    if meta.get("named") is not True:
+        raise ParameterError("only episodes of `jssa-gym evaluate` and `jssa-gym compare` can be played again")
+    try:
+        task, filter, human, policy = setting = Setting(*(str(meta[name]) for name in Setting._fields))
+        seed, steps = int(meta["seed"]), int(meta["steps"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ParameterError(f"the recording does not say how it came about: {error} is missing or wrong") from error
+    plan = Study((task,), (filter,), (human,), (policy,), steps=steps)
+    return Stage(plan, setting).record(seed)

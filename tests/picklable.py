@@ -1,0 +1,39 @@
+"""Environments and policies of a user's own, importable by other processes."""
+
+import numpy as np
+
+from jssa_gym.envs import ArmEnv
+
+
+def environment() -> ArmEnv:
+    return ArmEnv("reach", human="walk_by", terminate_on=())
+
+
+def push(observation) -> np.ndarray:
+    """A policy."""
+    return np.full(6, 0.3)
+
+
+def pushes(env, seed):
+    """A factory of policies that depend on the seed."""
+    action = np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
+    return lambda observation: action
+
+
+class Model:
+    """What a learned model looks like."""
+
+    def predict(self, observation, deterministic=False):
+        assert deterministic
+        return np.full(6, 0.3), None
+
+
+class Drifting:
+    """A policy whose actions depend on what was before: its episodes cannot be played again."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def __call__(self, observation) -> np.ndarray:
+        self.calls += 1
+        return np.full(6, np.sin(self.calls))

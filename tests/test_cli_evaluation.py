@@ -1,0 +1,155 @@
+"""``jssa-gym evaluate``, ``compare`` and ``replay``: what they print, write and exit with."""
+
+import json
+import shlex
+import sys
+
+import numpy as np
+import pytest
+
+from jssa_gym import plots
+from jssa_gym.cli.compare import Compare
+from jssa_gym.cli.evaluate import Evaluate
+from jssa_gym.cli.replay import Replay
+from jssa_gym.evaluation import load_trace, read_meta, save_trace
+from jssa_gym.exceptions import MissingExtraError, ParameterError
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A finished comparison."""
+    out = tmp_path_factory.mktemp("compared") / "deep"
+    Compare(filters=("jssa+stop", "none"), humans=("pursuit",), episodes=2, seconds=1.6, out=out).run()
+    return out
+
+
+def test_evaluate_prints_writes_and_continues(tmp_path, capsys):
+    command = Evaluate(filter="none", human="pursuit", episodes=2, seconds=0.4, out=tmp_path, keep=1, json=True)
+    command.run()
+    told = json.loads(capsys.readouterr().out)
+    assert told["episodes"] == 2
+    assert told["rates"]["collision_rate"]["n"] == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "campaign.json",
+        "episodes.csv",
+        "summary.json",
+        "traces",
+    ]
+    before = (tmp_path / "episodes.csv").read_bytes()
+    command.run()
+    assert (tmp_path / "episodes.csv").read_bytes() == before
+    assert json.loads(capsys.readouterr().out) == told == json.loads((tmp_path / "summary.json").read_text())[0]
+    with pytest.raises(ParameterError, match="another campaign"):
+        Evaluate(filter="jssa", human="pursuit", episodes=2, seconds=0.4, out=tmp_path).run()
+
+
+def test_evaluate_prints_a_table(tmp_path, capsys):
+    Evaluate(filter="none", human="none", episodes=1, seconds=0.2, out=tmp_path).run()
+    text = capsys.readouterr().out
+    for word in ("collision_rate", "0 / 1", "success_and_safe_rate", "ep_return", "jssa-gym replay"):
+        assert word in text
+    # nobody there: no distance to tell of
+    assert "min_distance" not in text
+
+
+def test_a_policy_of_the_working_directory_is_found(tmp_path, monkeypatch, capsys):
+    (tmp_path / "my_policies.py").write_text("def still(env, seed):\n    return lambda observation: [0.0] * 6\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", list(sys.path))
+    command = Evaluate(policy="my_policies:still", episodes=1, seconds=0.2, keep=1, filter="none", json=True)
+    command.run()
+    told = json.loads(capsys.readouterr().out)
+    assert told["means"]["path_length"]["value"] == 0.0
+    Replay(tmp_path / told["traces"][0], figure=False, video=False, again=True).run()
+    assert "the same bit for bit" in capsys.readouterr().out
+
+
+def test_an_interrupt_says_how_to_go_on(tmp_path, monkeypatch, capsys):
+    def interrupted(*arguments, **options):
+        options["progress"](3, 10)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jssa_gym.cli.evaluate.complete", interrupted)
+    with pytest.raises(SystemExit) as caught:
+        Evaluate(out=tmp_path).run()
+    assert caught.value.code == 130
+    assert "goes on from 3 episodes" in capsys.readouterr().err
+
+
+def test_compare_writes_a_page_with_its_own_command(folder, capsys):
+    assert sorted(path.name for path in folder.iterdir()) == [
+        *("campaign.json", "episodes.csv", "report.html", "summary.json", "traces"),
+    ]
+    page = (folder / "report.html").read_text()
+    (line,) = (part for part in page.split("<code>") if part.startswith("jssa-gym compare"))
+    words = shlex.split(line.split("</code>")[0])
+    assert words[words.index("--filters") + 1 : words.index("--humans")] == ["jssa+stop", "none"]
+    assert float(words[words.index("--seconds") + 1]) == 1.6
+    again = Compare(filters=("jssa+stop", "none"), humans=("pursuit",), episodes=2, seconds=1.6, out=folder, json=True)
+    again.run()
+    best, other = json.loads(capsys.readouterr().out)
+    assert (best["filter"], other["filter"]) == ("jssa+stop", "none")
+    assert other["rate_differences"]["collision"]["n"] == 2
+    assert (folder / "report.html").read_text() == page
+    again = Compare(filters=("jssa+stop", "none"), humans=("pursuit",), episodes=2, seconds=1.6, out=folder)
+    again.run()
+    assert "0 / 2" in capsys.readouterr().out
+
+
+def test_replay_judges_and_plays_again(folder, capsys):
+    for path in sorted((folder / "traces").iterdir()):
+        Replay(path, figure=False, video=False, verify=True, again=True).run()
+        text = capsys.readouterr().out
+        assert "MuJoCo agrees" in text
+        assert "the same bit for bit" in text
+        assert read_meta(path)["digest"][:16] in text
+
+
+def test_replay_sees_what_was_changed(folder, tmp_path, capsys):
+    path = next((folder / "traces").iterdir())
+    trace = load_trace(path)
+    distance = np.array(trace.distance)
+    distance[10] += 1e-3
+    changed = {name: getattr(trace, name) for name in type(trace).__dataclass_fields__} | {"distance": distance}
+    save_trace(type(trace)(**changed), tmp_path / "changed.npz", read_meta(path))
+    for options, word in (({"verify": True}, "MuJoCo DISAGREES"), ({"again": True}, "DIFFERENT")):
+        with pytest.raises(SystemExit) as caught:
+            Replay(tmp_path / "changed.npz", figure=False, video=False, **options).run()
+        assert caught.value.code == 1
+        assert word in capsys.readouterr().out
+
+
+def test_replay_draws(folder, tmp_path):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    path = next((folder / "traces").iterdir())
+    Replay(path, out=tmp_path / "deep" / "out", video=False).run()
+    assert [file.name for file in (tmp_path / "deep" / "out").iterdir()] == ["profile.png"]
+    assert (tmp_path / "deep" / "out" / "profile.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.gl
+def test_replay_films_beside_the_recording(folder):
+    av = pytest.importorskip("av", reason="PyAV is not installed")
+    path = next((folder / "traces").iterdir())
+    Replay(path, figure=False).run()
+    with av.open(str(path.with_suffix("") / "episode.mp4")) as film:
+        assert sum(1 for _ in film.decode(video=0)) == 40
+
+
+def test_replay_of_what_it_cannot(folder, tmp_path, monkeypatch):
+    path = next((folder / "traces").iterdir())
+    trace = load_trace(path)
+    fields = {name: getattr(trace, name) for name in type(trace).__dataclass_fields__}
+    save_trace(type(trace)(**(fields | {"robot": "mine"})), tmp_path / "mine.npz")
+    with pytest.raises(ParameterError, match="--robot"):
+        Replay(tmp_path / "mine.npz", figure=False, video=False).run()
+    save_trace(trace, tmp_path / "bare.npz")
+    with pytest.raises(ParameterError, match="played again"):
+        Replay(tmp_path / "bare.npz", figure=False, video=False, again=True).run()
+
+    def missing(film=False):
+        raise MissingExtraError("figures need the extra 'plots'")
+
+    monkeypatch.setattr(plots, "require", missing)
+    with pytest.raises(MissingExtraError):
+        Replay(path).run()
