@@ -67,7 +67,9 @@ def test_the_stand_in_walks_as_fast_as_people_do():
 
 
 def test_fig_6_comes_out_but_for_the_size_of_the_jerk(avoidance):
-    """The jerk saturates for some steps where the person suddenly walks faster: φ jumps by λ₁ Δv, about 0.7 m²."""
+    """The jerk is larger for some steps, where the person suddenly walks faster (φ jumps by λ₁ Δv, about 0.7 m²), and
+    where the filter lets go of the arm.
+    """
     traces, limits = avoidance
     found = claims.avoidance_claims(traces, limits, PAPERS.d_min)
     assert {text for text, held in holds(found, PUBLISHED).items() if not held} == {

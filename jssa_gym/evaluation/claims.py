@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.evaluation import paper
 from jssa_gym.evaluation.handover import ARRIVED, BEGIN, Delivery
@@ -104,8 +105,8 @@ def shift_claims(index: IndexParams, lambda1: float, lambda2: float) -> list[Cla
 
     rise1, rise2 = rise(more1), rise(more2)
 
-    def everywhere(holds: Array) -> dict[str, Verdict]:
-        return {"formula": Verdict(holds.all(), f"in {holds.mean():.0%} of {holds.size} states")}
+    def everywhere(holds: NDArray[np.bool_]) -> dict[str, Verdict]:
+        return {"formula": Verdict(bool(holds.all()), f"in {holds.mean():.0%} of {holds.size} states")}
 
     return [
         Claim("λ₁ up: φ larger wherever somebody approaches", "Fig. 7a", everywhere(rise1[rate < 0.0] > 0.0)),
@@ -122,7 +123,7 @@ def saturation(trace: Trace, limits: JointLimits) -> float:
     return float(np.any(np.abs(trace.jerk) >= _AT_BOUND * limits.jerk, axis=1).mean())
 
 
-def sequence(links: Array) -> tuple[int, ...]:
+def sequence(links: NDArray[np.int64]) -> tuple[int, ...]:
     """Critical links in the order of their appearance, counted from 1; (T,) of them, counted from 0."""
     changes = np.flatnonzero(np.diff(links)) + 1
     return tuple(int(links[k]) + 1 for k in (0, *changes))

@@ -34,11 +34,10 @@ class Surface(NamedTuple):
     """Where an index is 0, as a function of distance and rate."""
 
     title: str
-    curvature: Callable[[Array, Array], Array] | None
-    r""":math:`\ddot D` there [m/s²], from :math:`D` [m] and :math:`\dot D` [m/s]; None where D = d_min whatever the
-    rates."""
-    fastest: Callable[[Array], Array] | None
-    r"""Fastest approach :math:`\dot D` [m/s] that the index alone stops, from :math:`D` [m]; None if there is none."""
+    curvature: Callable[[Array, Array], Array]
+    r""":math:`\ddot D` there [m/s²], from :math:`D` [m] and :math:`\dot D` [m/s]."""
+    fastest: Callable[[Array], Array]
+    r"""Fastest approach :math:`\dot D` [m/s] that the index alone stops, from :math:`D` [m]."""
 
 
 def surface(index: IndexParams) -> Surface:
@@ -73,12 +72,11 @@ def portraits(index: IndexParams) -> "Figure":
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13.0, 8.2), layout="constrained")
-    initial = Surface(r"$\phi_0$", None, None)
-    for k, drawn in enumerate((initial, linear_surface(index), surface(index))):
+    for k, drawn in enumerate((None, linear_surface(index), surface(index))):
         space = figure.add_subplot(2, 3, k + 1, projection="3d")
-        _space(space, f"({'abc'[k]})  {drawn.title}")
+        _space(space, f"({'abc'[k]})  " + (drawn.title if drawn else r"$\phi_0$"))
         _margin(space)
-        if drawn.curvature is not None:
+        if drawn:
             _sheet(space, drawn, index.d_min, "Reds")
         _slice(figure.add_subplot(2, 3, k + 4), drawn, index.d_min)
     return figure
@@ -128,7 +126,7 @@ def _space(axes: Any, title: str) -> None:
     axes.set_yticks([-0.8, 0.0, 0.8])
     axes.set_zticks([-4.0, 0.0, 4.0])
     axes.view_init(elev=24.0, azim=-22.0)
-    axes.set_box_aspect(None, zoom=0.9)
+    axes.set_box_aspect(None, zoom=0.84)
 
 
 def _margin(axes: Any) -> None:
@@ -139,7 +137,6 @@ def _margin(axes: Any) -> None:
 
 def _sheet(axes: Any, drawn: Surface, d_min: float, colours: str | None) -> None:
     """An index' zero set; without a colour map it is plain blue."""
-    assert drawn.curvature is not None
     # a strip beyond the margin too, as in the paper: there the index is 0 at negative distances
     phi0, rate0 = np.meshgrid(np.linspace(-_FARTHEST, 0.2, 57), np.linspace(-_FASTEST, _FASTEST, 65))
     growth = -drawn.curvature(d_min - phi0, -rate0)
@@ -148,11 +145,11 @@ def _sheet(axes: Any, drawn: Surface, d_min: float, colours: str | None) -> None
     axes.plot_surface(phi0, rate0, growth, alpha=0.8, linewidth=0.0, rcount=60, ccount=60, **style)
 
 
-def _slice(axes: Any, drawn: Surface, d_min: float) -> None:
-    """The plane of no acceleration, with the set that stays inside."""
+def _slice(axes: Any, drawn: Surface | None, d_min: float) -> None:
+    """The plane of no acceleration, with the set that stays inside; without a surface only the margin."""
     phi0 = np.linspace(-_FARTHEST, 0.0, 121)[::-1]
     axes.axvline(0.0, color=_BLUE, label=r"$\phi_0 = 0$")
-    if drawn.curvature is None or drawn.fastest is None:
+    if drawn is None:
         axes.axvspan(-_FARTHEST, 0.0, color="#999999", alpha=0.15, linewidth=0.0, label="safe, but not invariant")
     else:
         phi, rate = np.meshgrid(np.linspace(-_FARTHEST, 0.2, 141), np.linspace(-_FASTEST, _FASTEST, 161))
@@ -185,7 +182,7 @@ def _over_growth(axes: Any, before: Surface, after: Surface, d_min: float) -> No
     """Slices at one distance: who is triggered at which acceleration."""
     distance = 0.6
     growth, rate = np.meshgrid(np.linspace(-3.0, 3.0, 121), np.linspace(-_FASTEST, _FASTEST, 161))
-    _compare(axes, before, after, growth, rate, lambda s: s.curvature(distance, -rate) + growth)
+    _compare(axes, before, after, growth, rate, lambda s: s.curvature(np.full_like(rate, distance), -rate) + growth)
     axes.set_xlabel(r"$\ddot\phi_0$ [m/s²]")
     axes.set_ylabel(r"$\dot\phi_0$ [m/s]")
     axes.set_title(rf"slice at D = {distance} m; above a line the index is positive", fontsize="medium")
