@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from jssa_gym.humans import HUMANS, HumanMotion
     from jssa_gym.policies import HoldPolicy, RandomPolicy
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
+    from jssa_gym.safety.boundary import Domain
+    from jssa_gym.safety.certify import certify
     from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.shields import FILTERS, JSSAShield, SafetyFilter, Shield, make_filter
@@ -32,6 +34,7 @@ _HOMES = {
     "ArmEnv": "jssa_gym.envs.arm",
     "CapsuleSet": "jssa_gym.types",
     "Decision": "jssa_gym.types",
+    "Domain": "jssa_gym.safety.boundary",
     "FAULTS": "jssa_gym.envs.faults",
     "FILTERS": "jssa_gym.shields",
     "FailsafeParams": "jssa_gym.safety.failsafe",
@@ -51,6 +54,7 @@ _HOMES = {
     "SensorModel": "jssa_gym.envs.sensor",
     "Shield": "jssa_gym.shields",
     "Status": "jssa_gym.types",
+    "certify": "jssa_gym.safety.certify",
     "make_filter": "jssa_gym.shields",
 }
 
@@ -63,6 +67,7 @@ __all__ = [
     "ArmEnv",
     "CapsuleSet",
     "Decision",
+    "Domain",
     "FailsafeParams",
     "HoldPolicy",
     "HumanMotion",
@@ -80,6 +85,7 @@ __all__ = [
     "Shield",
     "Status",
     "__version__",
+    "certify",
     "make_filter",
 ]
 

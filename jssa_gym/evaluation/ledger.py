@@ -19,6 +19,7 @@ _NAMES = [field.name for field in fields(Episode)]
 _TELLING = (
     "cli",
     "plots.py",
+    "rates.py",
     "viewer",
     "train",
     "evaluation/benchmark.py",
