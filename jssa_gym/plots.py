@@ -226,7 +226,8 @@ def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> 
     columns = min(len(names), 2)
     figure = Figure(figsize=(4.6 * columns, 3.9 * -(-len(names) // columns)), layout="constrained")
     axes = figure.subplots(-(-len(names) // columns), columns, sharex=True, sharey=True, squeeze=False)
-    least, (ones, twos) = 1e-3, swept.grid
+    least, (ones, twos) = 1e-2, swept.grid
+    edges = [np.sqrt(x[0] / x[1]) * np.r_[x, x[-1] * x[1] / x[0]] for x in swept.grid]
     scale = LogNorm(least, 1.0)
     known = {(cell.lambda1, cell.lambda2): cell for cell in swept.cells}
     for panel in axes.flat[len(names) :]:
@@ -234,7 +235,7 @@ def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> 
     for panel, name in zip(axes.flat, names, strict=False):
         share = np.array([[known[x, y].lost[name].value if (x, y) in known else np.nan for x in ones] for y in twos])
         panel.set_facecolor("#dddddd")
-        tiles = panel.pcolormesh(ones, twos, np.maximum(share, least), norm=scale, cmap="cividis", shading="nearest")
+        tiles = panel.pcolormesh(*edges, np.maximum(share, least), norm=scale, cmap="cividis")
         finer = [cell for cell in swept.cells if cell.lambda1 not in ones or cell.lambda2 not in twos]
         shares = [max(cell.lost[name].value, least) for cell in finer]
         dots = [cell.lambda1 for cell in finer], [cell.lambda2 for cell in finer]

@@ -308,7 +308,7 @@ def test_an_interrupted_certificate_goes_on(tmp_path):
     again = certify(ROBOT, PAPER, states=60_000, folder=tmp_path, progress=counted.append, **asked)
     assert again.plain() == whole
     assert counted == [50_000, 10_000]
-    with pytest.raises(ParameterError, match="another certificate.*index"):
+    with pytest.raises(ParameterError, match=r"another certificate.*index"):
         certify(ROBOT, IndexParams(), states=1000, folder=tmp_path, **asked)
     file.write_text(file.read_text() + "{}\n")
     with pytest.raises(ParameterError, match="no count"):
@@ -444,3 +444,69 @@ def test_a_million_states_of_the_paper():
     assert 0.02 < shares["upper_arm"].low < shares["upper_arm"].high < 0.04
     assert not found.holds
     assert not found.suffices
+
+
+# ---- the command
+
+
+def command(capsys, *arguments):
+    """``jssa-gym certify`` in this process: exit code and what it printed."""
+    import tyro
+
+    from jssa_gym.cli.certify import Certify
+
+    try:
+        tyro.cli(Certify, args=list(map(str, arguments))).run()
+        code = 0
+    except SystemExit as end:
+        code = end.code
+    return code, capsys.readouterr().out
+
+
+SLOW_OPTIONS = (
+    *("--tip-speed", 0.05, "--human-speed", 0.5, "--distance", 0.2, 0.5),
+    *("--speed-share", 0.05, "--acceleration-share", 0.05, "--authority", 5, "--capsules", "wrist_tool"),
+)
+
+
+def test_the_command_fails_where_there_are_counter_examples_and_replays_them(tmp_path, capsys):
+    asked = ("--lambda1", 3, "--lambda2", 1, "--states", 1000, "--out", tmp_path / "out")
+    code, printed = command(capsys, *asked, "--capsules", "upper_arm", "--json")
+    assert code == 1
+    saved = json.loads((tmp_path / "out" / "certificate.json").read_text())
+    assert json.loads(printed) == saved
+    assert not saved["holds"]
+    assert saved["links"][0]["margin"] < 0.0
+    recording = tmp_path / "out" / "counterexample-upper_arm.npz"
+    code, printed = command(capsys, "--replay", recording, "--json")
+    played = json.loads(printed)
+    assert code == 0
+    assert played["infeasible"] and played["same"] and played["mujoco_agrees"]  # noqa: PT018
+    assert played["ticks"][0]["phi"] > KEPT
+    code, printed = command(capsys, "--replay", recording)
+    assert code == 0
+    assert "no jerk keeps all rows" in printed
+
+
+def test_the_command_passes_where_there_are_none(tmp_path, capsys):
+    code, printed = command(capsys, "--lambda1", 3, "--lambda2", 1, "--states", 1000, "--out", tmp_path, *SLOW_OPTIONS)
+    assert code == 0
+    assert "no counter-example was found" in printed
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["certificate.json", "chunks.jsonl"]
+
+
+def test_the_command_draws_the_map(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    code, printed = command(
+        capsys, "--sweep", "--grid", 2, "--states", 50, "--capsules", "wrist_tool", "--out", tmp_path, "--json"
+    )
+    assert code == 0
+    assert json.loads(printed)["best"]["trigger"] <= 1.2
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("arguments", [("--states", 0), ("--lambda1", "nan"), ("--sweep", "--grid", 1)], ids=str)
+def test_the_command_refuses_bad_input_and_writes_nothing(tmp_path, capsys, arguments):
+    with pytest.raises(ParameterError):
+        command(capsys, *arguments, "--out", tmp_path / "out")
+    assert not list(tmp_path.glob("out/*"))
