@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from jssa_gym.humans import HUMANS, HumanMotion
     from jssa_gym.policies import HoldPolicy, JPCPolicy, RandomPolicy
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
+    from jssa_gym.safety.boundary import Domain
+    from jssa_gym.safety.certify import certify
     from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.shields import FILTERS, JSSAShield, SafetyFilter, Shield, make_filter
@@ -34,6 +36,7 @@ _HOMES = {
     "ArmEnv": "jssa_gym.envs.arm",
     "CapsuleSet": "jssa_gym.types",
     "Decision": "jssa_gym.types",
+    "Domain": "jssa_gym.safety.boundary",
     "FAULTS": "jssa_gym.envs.faults",
     "FILTERS": "jssa_gym.shields",
     "FailsafeParams": "jssa_gym.safety.failsafe",
@@ -57,6 +60,7 @@ _HOMES = {
     "SensorModel": "jssa_gym.envs.sensor",
     "Shield": "jssa_gym.shields",
     "Status": "jssa_gym.types",
+    "certify": "jssa_gym.safety.certify",
     "evaluate": "jssa_gym.evaluation",
     "make_filter": "jssa_gym.shields",
 }
@@ -70,6 +74,7 @@ __all__ = [
     "ArmEnv",
     "CapsuleSet",
     "Decision",
+    "Domain",
     "FailsafeParams",
     "HoldPolicy",
     "HumanMotion",
@@ -91,6 +96,7 @@ __all__ = [
     "Shield",
     "Status",
     "__version__",
+    "certify",
     "evaluate",
     "make_filter",
 ]

@@ -101,3 +101,14 @@ def positive_integer(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
         raise ParameterError(f"{name} has to be a positive integer, got {value!r}")
     return int(value)
+
+
+def whole_number(name: str, value: Any) -> int:
+    """An integer of at least 0.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 0:
+        raise ParameterError(f"{name} has to be a whole number of at least 0, got {value!r}")
+    return int(value)

@@ -1,98 +1,400 @@
-"""Sampled feasibility of Eq. (7), and the condition that suffices for it."""
+"""The certificate of an index: Eq. (7) sampled and searched, the condition that suffices, the map of parameters."""
+
+import itertools
+import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from jssa_gym.evaluation.statistics import Rate
-from jssa_gym.exceptions import ParameterError
+import jssa_gym
+from jssa_gym.evaluation import judge
+from jssa_gym.evaluation.counterexample import load_counterexample, play_on, save_counterexample
+from jssa_gym.exceptions import ParameterError, TraceError
+from jssa_gym.kernels.chain import forward, place
+from jssa_gym.kernels.index import advance, assess
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
+from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.robots import lr_mate_200id_7l
-from jssa_gym.safety.certify import Domain, propose, sample_feasibility, suffices
+from jssa_gym.safety.boundary import KEPT, Boundary, Domain
+from jssa_gym.safety.census import Census, largest_part
+from jssa_gym.safety.certify import certify, moved_capsules
+from jssa_gym.safety.chunks import Chunk, generator, run
+from jssa_gym.safety.condition import fastest_approach, needed_jerk, propose, suffices
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.shields import JSSAFilter
-from jssa_gym.types import CapsuleSet
+from jssa_gym.safety.lambda_map import sweep
+from jssa_gym.safety.search import worsen
 
 ROBOT = lr_mate_200id_7l()
 DT = 0.008
-SLOW = Domain(tip_speed=0.05, human_speed=0.5, distance=(0.2, 0.5), speed_share=0.1, acceleration_share=0.05)
+PAPER = IndexParams(lambda1=3.0, lambda2=1.0)
+SLOW = Domain(
+    tip_speed=0.05, human_speed=0.5, distance=(0.2, 0.5), speed_share=0.05, acceleration_share=0.05, authority=5.0
+)
 FAST = Domain(tip_speed=2.0, human_speed=2.0, speed_share=1.0, acceleration_share=1.0)
 
 
-def sampled(index, capsule, domain=None, states=4000, **options):
-    return sample_feasibility(ROBOT, index, capsule=capsule, states=states, domain=domain, **options)
+def boundary(index=PAPER, capsule="wrist_tool", domain=None):
+    return Boundary(ROBOT, index, capsule, domain or Domain(), DT)
 
 
-def rate(result):
-    return Rate.of(result.infeasible, result.states)
+def sampled(index, capsule, domain=None, states=4000, seed=0):
+    """The certificate of one capsule, without a search."""
+    return certify(ROBOT, index, domain=domain, capsules=(capsule,), states=states, seed=seed, search=False).links[0]
 
 
-def person(sphere, radius):
-    """The sphere of a result as somebody in a scene."""
-    centre, velocity = sphere[:1], sphere[1:]
-    return CapsuleSet(centre, centre.copy(), velocity, velocity.copy(), np.array([radius]), ("ball",), np.zeros(1, int))
+def index_after(found, jerk, tau=DT, index=PAPER):
+    """The index of a boundary state after a step, from the kernels of the shield."""
+    row, n = ROBOT.capsule_names.index(found.capsule), ROBOT.n
+    agents = records(1, AGENT)
+    agents["start"] = agents["end"] = found.centre
+    agents["start_velocity"] = agents["end_velocity"] = found.velocity
+    agents["radius"] = found.radius
+    advance(agents, tau)
+    after, frames, segments = np.zeros((3, n)), records(n, FRAME), records(1, SEGMENT)
+    scratch = after, frames, segments, records((1, 1), PAIR)
+    capsules = ROBOT.capsules[row : row + 1]
+    return assess(ROBOT.links, capsules, found.joints, jerk, agents, records(0, PLANE), tau, index.kernel(), *scratch)[
+        0
+    ]
+
+
+def box(joints):
+    limits = ROBOT.limits
+    bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+    lower, upper = np.zeros(ROBOT.n), np.zeros(ROBOT.n)
+    assert jerk_box(joints, bounds, DT, lower, upper)
+    return lower, upper
+
+
+# ---- what is sampled
+
+
+def test_states_lie_on_the_boundary_and_in_the_domain():
+    domain = Domain(tip_speed=0.3, human_speed=0.4, distance=(0.1, 0.3), authority=10.0)
+    for capsule in moved_capsules(ROBOT):
+        link = boundary(capsule=capsule, domain=domain)
+        looks, draws = link.sample(200, np.random.default_rng(1))
+        assert len(looks.ahead) == 200 <= draws
+        assert np.all((looks.distance >= 0.1) & (looks.distance <= 0.3))
+        assert np.all((looks.tip_speed <= 0.3) & (looks.authority >= 10.0))
+        low, high = ROBOT.limits.position.T
+        for k in range(200):
+            found = link.state(looks, k)
+            assert index_after(found, np.zeros(6), 0.0) == pytest.approx(0.0, abs=1e-9)
+            assert np.linalg.norm(found.velocity) <= 0.4 + 1e-12
+            assert np.all((low <= found.joints[0]) & (found.joints[0] <= high))
+            assert np.all(np.abs(found.joints[2]) <= 0.5 * ROBOT.limits.acceleration)
+
+
+def test_the_rate_of_the_distance_is_that_of_the_motion():
+    link = boundary()
+    looks, _ = link.sample(50, np.random.default_rng(2))
+    for k in range(50):
+        found, h = link.state(looks, k), 1e-6
+        frames, segments = records(6, FRAME), records(1, SEGMENT)
+        gaps = []
+        for t in (-h, h):
+            joints = found.joints.copy()
+            joints[0] += t * joints[1]
+            forward(ROBOT.links, joints, frames)
+            place(frames, ROBOT.capsules[4:5], segments)
+            a, b, p = segments[0]["start"], segments[0]["end"], found.centre + t * found.velocity
+            s = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+            gaps.append(np.linalg.norm(p - a - s * (b - a)) - segments[0]["radius"] - found.radius)
+        assert np.mean(gaps) == pytest.approx(found.distance, abs=1e-8)
+        assert (gaps[1] - gaps[0]) / (2 * h) == pytest.approx(found.rate, abs=1e-5)
+
+
+@pytest.mark.parametrize("capsule", ["upper_arm", "wrist_tool"])
+def test_no_corner_of_the_box_is_better_than_the_best_jerk(capsule):
+    link = boundary(capsule=capsule)
+    looks, _ = link.sample(3000, np.random.default_rng(3))
+    hardest = np.argsort(-looks.ahead)[:40]
+    assert looks.infeasible[hardest].any()
+    for k in hardest:
+        found = link.state(looks, k)
+        corners = itertools.product(*zip(*box(found.joints), strict=True))
+        best = min(index_after(found, np.array(corner)) for corner in corners)
+        # the index is curved by less than that in the jerk, so that one of its corners is the best jerk
+        assert found.ahead == pytest.approx(best, abs=5e-5 + 1e-3 * abs(best))
+
+
+def test_a_batch_is_bitwise_its_single_states():
+    link = boundary(capsule="forearm")
+    genes = link.draw(np.random.default_rng(4), 300)
+    together = link.look(genes)
+    alone = [link.look(genes[k : k + 1]) for k in range(300)]
+    assert 50 < len(together.ahead) == sum(len(one.ahead) for one in alone)
+    for field, batch in zip(together._fields, together, strict=True):
+        assert batch.tobytes() == np.concatenate([getattr(one, field) for one in alone]).tobytes(), field
+
+
+def test_the_counts_do_not_depend_on_threads_or_on_who_ends_first():
+    chunks = [Chunk(boundary(capsule=name), k, 1500, 7) for name in ("elbow", "wrist_tool") for k in range(3)]
+    serial = {chunk.key: census.plain() for chunk, census in run(chunks, 1)}
+    threaded = {chunk.key: census.plain() for chunk, census in run(chunks[::-1], 3)}
+    assert serial == threaded
+    assert len({json.dumps(plain) for plain in serial.values()}) == 6
+    one = certify(ROBOT, PAPER, capsules=("elbow",), states=1500, seed=7, search=False)
+    other = certify(ROBOT, PAPER, capsules=("elbow",), states=1500, seed=7, search=False, jobs=2)
+    assert one.plain() == other.plain()
+    assert one.links[0].infeasible.k == serial["elbow", 0, 1500]["infeasible"]
+
+
+def test_censuses_add_up():
+    link = boundary(capsule="elbow")
+    looks, draws = link.sample(3000, np.random.default_rng(5))
+    halves = [looks.pick(np.arange(1500)), looks.pick(np.arange(1500, 3000))]
+    whole, total = Census.of(link, looks, draws), Census.total(Census.of(link, half, draws // 2) for half in halves)
+    assert whole.plain() == {**total.plain(), "draws": draws}
+    assert Census.read(json.loads(json.dumps(whole.plain()))).plain() == whole.plain()
+    assert whole.counts.states.sum() == 3000
+    assert whole.counts.infeasible.sum() == whole.infeasible > 0
+    assert -looks.ahead.max() == -whole.worst[0, 0]
+    level = whole.jerk_quantile(0.5)
+    assert level <= np.quantile(looks.jerk, 0.5) <= level + 0.5 + 1e-9
+
+
+# ---- what comes out
 
 
 def test_the_papers_parameters_fail_at_the_shoulder_and_for_fast_people():
-    index = IndexParams(lambda1=3.0, lambda2=1.0)
-    shoulder = sampled(index, "upper_arm")
-    assert rate(shoulder).low > 0.01
+    shoulder = sampled(PAPER, "upper_arm")
+    assert shoulder.infeasible.low > 0.01
     assert shoulder.margin < 0.0
-    inside, outside = sampled(index, "wrist_tool", SLOW), sampled(index, "wrist_tool", FAST)
-    assert rate(inside).high < 0.005
-    assert rate(outside).low > rate(inside).high
+    inside, outside = sampled(PAPER, "wrist_tool", SLOW), sampled(PAPER, "wrist_tool", FAST)
+    assert inside.infeasible.k == 0
+    assert outside.infeasible.low > inside.infeasible.high
 
 
-def test_a_slow_tool_is_kept_in_every_state():
-    result = sampled(IndexParams(lambda1=6.0, lambda2=8.0), "wrist_tool", SLOW)
-    assert result.infeasible == 0
-    assert result.margin > 0.0
+def test_a_slow_tool_is_kept_even_after_a_search():
+    found = certify(ROBOT, PAPER, domain=SLOW, capsules=("wrist_tool",), states=4000)
+    link = found.links[0]
+    assert found.holds
+    assert link.holds
+    assert link.margin > 0.0
+    assert link.worst.ahead > link.worst_drawn
+    assert link.part is not None
+    assert link.part.states == 4000
+    assert found.plain()["holds"]
 
 
 def test_a_planted_infeasible_pair_is_found():
     # hardly any weight on the acceleration: a step changes the index by next to nothing
-    planted = sampled(IndexParams(lambda1=3.0, lambda2=1e-3), "wrist_tool")
-    assert rate(planted).value > 0.2
+    assert sampled(IndexParams(lambda1=3.0, lambda2=1e-3), "wrist_tool").infeasible.value > 0.2
 
 
-def test_the_index_of_the_worst_state_is_zero_and_the_shield_cannot_keep_it(make_scene):
-    index, domain = IndexParams(lambda1=3.0, lambda2=1.0), Domain()
-    result = sampled(index, "upper_arm", domain)
-    scene = make_scene(result.worst, person(result.sphere, domain.radius))
-    row = ROBOT.capsule_names.index("upper_arm")
-    shield = JSSAFilter(ROBOT, DT, index, min_authority=0.0, recovery=0.0, viability=True)
-    shield.reset(scene)
-    decision = shield.decide(scene, np.zeros(6))
-    # other capsules may be worse off; this one is as the sampler says, or the projection gave it up for them
-    assert shield._pairs[row, 0]["phi"] >= -result.margin - 1e-6
-    assert decision.phi >= -result.margin - 1e-6
-    shield._look_back(result.worst, shield._seen)
-    assert shield._pairs_now[row, 0]["phi"] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_states_are_in_the_domain_and_seeded():
-    domain = Domain(tip_speed=0.3, human_speed=0.4, distance=(0.1, 0.3), band=0.05)
-    index = IndexParams()
-    one, two = (sampled(index, "forearm", domain, 500, seed=3) for _ in range(2))
-    assert one.margin == two.margin
-    assert np.array_equal(one.worst, two.worst)
-    assert one.states == 500
-    assert np.linalg.norm(one.sphere[1]) <= 0.4
+def test_a_state_that_is_infeasible_by_construction_counts_as_such():
+    # stretched, at rest, a person coming along the arm: no joint moves the tool along itself
+    link = boundary(domain=Domain(distance=(0.5, 0.6), speed_share=0.0, acceleration_share=0.0))
     low, high = ROBOT.limits.position.T
-    assert np.all((low <= one.worst[0]) & (one.worst[0] <= high))
-    assert sampled(index, "forearm", domain, 500, seed=4).margin != one.margin
+    posture = np.array([0.3, 0.4, -np.arctan2(0.035, 0.42), 0.0, np.arctan2(0.035, 0.42), 0.0])
+    # straight from elbow to tip only in the arm's plane: search for the rest of the singularity from there
+    joints = np.zeros((3, 6))
+    joints[0] = (posture - (low + high) / 2.0) / ((high - low) / 2.0)
+    frames, segments = records(6, FRAME), records(1, SEGMENT)
+    state = np.array([posture, np.zeros(6), np.zeros(6)])
+    forward(ROBOT.links, state, frames)
+    place(frames, ROBOT.capsules[4:5], segments)
+    axis = segments[0]["end"] - segments[0]["start"]
+    axis /= np.linalg.norm(axis)
+    looks = link.look(np.r_[joints.ravel(), 1.0, 0.5, 0.5, 0.5, 0.0, axis, np.zeros(3)][None])
+    lever = np.cross(frames[1]["axis"], segments[0]["end"] - frames[1]["origin"]) @ axis
+    assert len(looks.ahead) == 1
+    # the person comes on at D² / lambda1, and what J2 gives is all there is
+    assert looks.authority[0] == pytest.approx(abs(lever) * ROBOT.limits.jerk[1], rel=0.05)
+    drift = 2.0 * looks.distance[0] * -looks.rate[0] + 3.0**2 / 1.0 * looks.rate[0] + 3.0 * looks.distance[0] ** 2
+    assert looks.infeasible[0] == (looks.authority[0] < drift)
 
 
-def test_a_domain_without_such_states_is_an_error():
-    with pytest.raises(ParameterError, match="hardly any state"):
-        sampled(IndexParams(), "forearm", Domain(distance=(8.0, 9.0)), states=100)
-    with pytest.raises(ParameterError, match="capsule"):
-        sampled(IndexParams(), "nose")
-    with pytest.raises(ParameterError, match="states"):
-        sampled(IndexParams(), "forearm", states=0)
+def test_a_search_finds_what_was_not_drawn():
+    domain = replace(SLOW, tip_speed=0.5, speed_share=0.3, acceleration_share=0.2, authority=20.0)
+    link = boundary(capsule="elbow", domain=domain)
+    looks, _ = link.sample(2000, np.random.default_rng(6))
+    worst = worsen(link, looks.genes[np.argsort(-looks.ahead)[:4]], np.random.default_rng(7))
+    assert worst.ahead[0] > looks.ahead.max()
+    found = link.state(worst, 0)
+    assert np.all(np.diff(worst.ahead) <= 0.0)
+    assert found.authority >= 20.0
+    assert found.tip_speed <= 0.5
+    assert index_after(found, np.zeros(6), 0.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_largest_part_holds_no_infeasible_state_and_none_is_larger():
+    link = boundary(capsule="elbow")
+    looks, draws = link.sample(20_000, np.random.default_rng(8))
+    census = Census.of(link, looks, draws)
+    part = largest_part(census.counts, link.domain)
+    near, far = part.distance
+    inside = (looks.tip_speed < part.tip_speed) & (looks.distance >= near) & (looks.distance < far)
+    inside &= looks.authority >= part.authority
+    assert inside.sum() == pytest.approx(part.states, abs=2)  # rounding at edges
+    assert not looks.infeasible[inside].any()
+    # 0 of n with a bound for every part that could have been chosen
+    assert part.bound == pytest.approx(1.0 - (0.05 / (8 * 36 * 7)) ** (1.0 / part.states))
+    assert part.bound > 3.0 / part.states
+    assert looks.infeasible.any()
+    full = census.counts._replace(infeasible=np.ones_like(census.counts.infeasible))
+    assert largest_part(full, link.domain) is None
+
+
+def test_where_there_is_the_jerk_of_the_condition_hardly_any_state_is_infeasible():
+    link = sampled(PAPER, "elbow", states=20_000)
+    assert link.enough.n > 5000
+    assert link.enough.value < 0.1 * link.infeasible.value
+
+
+# ---- counter-examples
+
+
+@pytest.fixture(scope="module")
+def shoulder():
+    found = certify(ROBOT, PAPER, capsules=("upper_arm",), states=2000)
+    assert not found.holds
+    return found.links[0].worst
+
+
+def test_the_shield_cannot_keep_the_worst_state_and_mujoco_sees_the_same(tmp_path, shoulder):
+    trace = save_counterexample(tmp_path / "worst.npz", ROBOT, PAPER, shoulder, dt=DT, viable=True)
+    assert trace.phi[0] == pytest.approx(shoulder.ahead, abs=1e-4)
+    assert trace.phi[0] > KEPT
+    assert trace.status[0] == jssa_gym.Status.RELAXED
+    lower, upper = box(shoulder.joints)
+    assert np.all((lower <= trace.jerk[0]) & (trace.jerk[0] <= upper))
+    assert judge(trace, ROBOT).agrees
+    again, index, found, viable = load_counterexample(tmp_path / "worst.npz")
+    assert (index, viable, found.capsule) == (PAPER, True, "upper_arm")
+    repeated = play_on(ROBOT, index, found, dt=again.dt, viable=viable)
+    assert repeated.jerk.tobytes() == trace.jerk.tobytes() == again.jerk.tobytes()
+
+
+def test_a_feasible_state_is_kept_by_the_shield():
+    link = boundary(domain=SLOW)
+    looks, _ = link.sample(5, np.random.default_rng(9))
+    for k in range(5):
+        trace = play_on(ROBOT, PAPER, link.state(looks, k), dt=DT, ticks=1)
+        assert trace.phi[0] <= KEPT
+
+
+def test_another_trace_is_no_counter_example(tmp_path, shoulder):
+    from jssa_gym.evaluation import save_trace
+
+    save_trace(play_on(ROBOT, PAPER, shoulder, ticks=2), tmp_path / "other.npz", {"seed": 1})
+    with pytest.raises(TraceError, match="boundary state"):
+        load_counterexample(tmp_path / "other.npz")
+
+
+# ---- files and input
+
+
+def test_an_interrupted_certificate_goes_on(tmp_path):
+    asked = {"domain": SLOW, "capsules": ("wrist_tool",), "seed": 2, "search": False}
+    whole = certify(ROBOT, PAPER, states=60_000, **asked).plain()
+    seen = []
+
+    def stop(count):
+        seen.append(count)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        certify(ROBOT, PAPER, states=60_000, folder=tmp_path, progress=stop, **asked)
+    file = tmp_path / "chunks.jsonl"
+    assert len(file.read_text().splitlines()) == 2
+    with file.open("a") as half:
+        half.write('[["wrist_tool", 1, 10000], {"sta')
+    counted = []
+    again = certify(ROBOT, PAPER, states=60_000, folder=tmp_path, progress=counted.append, **asked)
+    assert again.plain() == whole
+    assert counted == [50_000, 10_000]
+    with pytest.raises(ParameterError, match=r"another certificate.*index"):
+        certify(ROBOT, IndexParams(), states=1000, folder=tmp_path, **asked)
+    file.write_text(file.read_text() + "{}\n")
+    with pytest.raises(ParameterError, match="no count"):
+        certify(ROBOT, PAPER, states=60_000, folder=tmp_path, **asked)
+    file.write_text("mine\n")
+    with pytest.raises(ParameterError, match="no file of counts"):
+        certify(ROBOT, PAPER, states=60_000, folder=tmp_path, **asked)
+    assert file.read_text() == "mine\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"capsules": ("nose",)}, "capsule"),
+        ({"states": 0}, "states"),
+        ({"states": True}, "states"),
+        ({"jobs": 0}, "jobs"),
+        ({"seed": -1}, "seed"),
+        ({"dt": 0.0}, "dt"),
+        ({"robot": "nobody"}, "robot"),
+        ({"domain": Domain(distance=(8.0, 9.0))}, "hardly any state"),
+    ],
+    ids=str,
+)
+def test_bad_input_is_an_error(options, word):
+    with pytest.raises(ParameterError, match=word):
+        certify(**{"robot": ROBOT, "states": 100, "search": False, **options})
+
+
+@pytest.mark.parametrize(
+    "values", [{"tip_speed": 0.0}, {"distance": (0.5, 0.1)}, {"authority": -1.0}, {"viable": 1}, {"speed_share": 2.0}]
+)
+def test_a_domain_out_of_range_is_an_error(values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        Domain(**values)
+
+
+def test_other_arms_have_certificates_too(toy_robot):
+    found = jssa_gym.certify(toy_robot, states=500, seed=3)
+    assert [link.capsule for link in found.links] == ["second", "third"]
+    assert found.robot == "toy"
+
+
+# ---- the condition and the certificate set
+
+
+def ends_in_time(index, distance, rate):
+    """Whether the slowest motion with phi = 0 keeps the margin, by simulating it."""
+
+    def passed(_, y):
+        return y[0] - index.d_min + 1e-9
+
+    passed.terminal, passed.direction = True, -1
+    run = solve_ivp(
+        lambda _, y: [y[1], (index.d_min**2 - y[0] ** 2 - index.lambda1 * y[1]) / index.lambda2],
+        (0.0, 400.0),
+        [distance, rate],
+        rtol=1e-10,
+        atol=1e-12,
+        events=passed,
+    )
+    return run.status != 1
+
+
+@pytest.mark.parametrize("pair", [(3.0, 1.0), (2.0, 0.25), (6.0, 8.0)])
+@pytest.mark.parametrize("distance", [0.1, 0.5, 1.0])
+def test_the_certificate_set_ends_where_approaches_end_too_late(pair, distance):
+    index = IndexParams(lambda1=pair[0], lambda2=pair[1])
+    edge = float(fastest_approach(index, distance))
+    assert ends_in_time(index, distance, 0.99 * edge)
+    assert not ends_in_time(index, distance, 1.01 * edge)
+
+
+def test_the_certificate_set_ends_where_even_rest_comes_in_too_fast():
+    index = IndexParams(lambda1=0.5, lambda2=0.5)
+    near, far, inside = fastest_approach(index, [0.1, 1.0, 0.04])
+    assert ends_in_time(index, 0.1, 0.99 * near)
+    assert far == inside == np.inf
+    assert not ends_in_time(index, 1.0, 0.0)
+    assert fastest_approach(index, 0.05) == 0.0
 
 
 def test_the_condition_holds_where_it_should():
     # written out for lambda = (6, 8), d = 0.5 m, v = 1 m/s: 64 j >= 36 + 6 (0.25 - 0.0025)
     index, least = IndexParams(lambda1=6.0, lambda2=8.0), (36.0 + 6.0 * 0.2475) / 64.0
+    assert needed_jerk(index, approach=1.0, distance=0.5) == pytest.approx(least)
     assert suffices(index, jerk=least * 1.001, approach=1.0, distance=0.5)
     assert not suffices(index, jerk=least * 0.999, approach=1.0, distance=0.5)
     # its other half: lambda1² >= 2 lambda2 d
@@ -106,3 +408,105 @@ def test_the_proposal_is_the_smallest_that_suffices(damping):
     assert suffices(index, **asked)
     smaller = IndexParams(lambda1=index.lambda1 * 0.999, lambda2=index.lambda2 * 0.999**2)
     assert not suffices(smaller, **asked)
+
+
+# ---- the map
+
+
+def test_the_map_names_the_pair_that_loses_least():
+    swept = sweep(ROBOT, grid=3, states=300, capsules=("wrist_tool",), domain=Domain(distance=(0.05, 1.0)))
+    assert all(cell.lambda1**2 >= 8.0 * cell.lambda2 * 0.05 for cell in swept.cells)
+    assert all(cell.trigger <= 1.0 for cell in swept.allowed)
+    assert len(swept.allowed) < len(swept.cells)
+    assert swept.best.cost == min(cell.cost for cell in swept.allowed)
+    # finer grids drew more, but boundedly many
+    assert {cell.lost["wrist_tool"].n for cell in swept.cells} == {300, 1200, 4800}
+    assert len(swept.cells) <= 9 + 2 * 25
+    for cell in swept.cells:
+        assert cell.lost["wrist_tool"].k >= cell.infeasible["wrist_tool"].k - cell.infeasible["wrist_tool"].n * 0.5
+    with pytest.raises(ParameterError, match="trigger"):
+        sweep(ROBOT, grid=2, states=100, lambda1=(4.0, 8.0), capsules=("wrist_tool",))
+    with pytest.raises(ParameterError, match="lambda2"):
+        sweep(ROBOT, lambda2=(0.0, 1.0))
+    with pytest.raises(ParameterError, match="grid"):
+        sweep(ROBOT, grid=1)
+
+
+def test_generators_have_nothing_in_common():
+    first = [generator(0, *key).random() for key in ((0, 1, 0), (0, 1, 1), (0, 2, 0), (1, 1))]
+    assert len(set(first)) == 4
+
+
+@pytest.mark.slow
+def test_a_million_states_of_the_paper():
+    found = certify(ROBOT, PAPER, states=1_000_000, jobs=2)
+    shares = {link.capsule: link.infeasible for link in found.links}
+    assert 0.02 < shares["upper_arm"].low < shares["upper_arm"].high < 0.04
+    assert not found.holds
+    assert not found.suffices
+
+
+# ---- the command
+
+
+def command(capsys, *arguments):
+    """``jssa-gym certify`` in this process: exit code and what it printed."""
+    import tyro
+
+    from jssa_gym.cli.certify import Certify
+
+    try:
+        tyro.cli(Certify, args=list(map(str, arguments))).run()
+        code = 0
+    except SystemExit as end:
+        code = end.code
+    return code, capsys.readouterr().out
+
+
+SLOW_OPTIONS = (
+    *("--tip-speed", 0.05, "--human-speed", 0.5, "--distance", 0.2, 0.5),
+    *("--speed-share", 0.05, "--acceleration-share", 0.05, "--authority", 5, "--capsules", "wrist_tool"),
+)
+
+
+def test_the_command_fails_where_there_are_counter_examples_and_replays_them(tmp_path, capsys):
+    asked = ("--lambda1", 3, "--lambda2", 1, "--states", 1000, "--out", tmp_path / "out")
+    code, printed = command(capsys, *asked, "--capsules", "upper_arm", "--json")
+    assert code == 1
+    saved = json.loads((tmp_path / "out" / "certificate.json").read_text())
+    assert json.loads(printed) == saved
+    assert not saved["holds"]
+    assert saved["links"][0]["margin"] < 0.0
+    recording = tmp_path / "out" / "counterexample-upper_arm.npz"
+    code, printed = command(capsys, "--replay", recording, "--json")
+    played = json.loads(printed)
+    assert code == 0
+    assert played["infeasible"] and played["same"] and played["mujoco_agrees"]  # noqa: PT018
+    assert played["ticks"][0]["phi"] > KEPT
+    code, printed = command(capsys, "--replay", recording)
+    assert code == 0
+    assert "no jerk keeps all rows" in printed
+
+
+def test_the_command_passes_where_there_are_none(tmp_path, capsys):
+    code, printed = command(capsys, "--lambda1", 3, "--lambda2", 1, "--states", 1000, "--out", tmp_path, *SLOW_OPTIONS)
+    assert code == 0
+    assert "no counter-example was found" in printed
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["certificate.json", "chunks.jsonl"]
+
+
+def test_the_command_draws_the_map(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    code, printed = command(
+        capsys, "--sweep", "--grid", 2, "--states", 50, "--capsules", "wrist_tool", "--out", tmp_path, "--json"
+    )
+    assert code == 0
+    assert json.loads(printed)["best"]["trigger"] <= 1.2
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("arguments", [("--states", 0), ("--lambda1", "nan"), ("--sweep", "--grid", 1)], ids=str)
+def test_the_command_refuses_bad_input_and_writes_nothing(tmp_path, capsys, arguments):
+    with pytest.raises(ParameterError):
+        command(capsys, *arguments, "--out", tmp_path / "out")
+    assert not list(tmp_path.glob("out/*"))

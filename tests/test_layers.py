@@ -13,7 +13,7 @@ PACKAGE = Path(jssa_gym.__file__).parent
 
 LAYERS = (
     ("kernels", "exceptions", "headless"),
-    ("types", "validation"),
+    ("types", "validation", "rates"),
     ("robots", "humans"),
     ("safety",),
     ("shields", "envs", "control"),

@@ -6,6 +6,7 @@ from typing import Annotated
 import tyro
 
 from jssa_gym.cli.bench import Bench
+from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.compare import Compare
 from jssa_gym.cli.demo import Demo
 from jssa_gym.cli.evaluate import Evaluate
@@ -17,6 +18,7 @@ from jssa_gym.exceptions import JSSAGymError
 Command = Annotated[
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
+    | Annotated[Certify, tyro.conf.subcommand("certify")]
     | Annotated[Stress, tyro.conf.subcommand("stress")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Compare, tyro.conf.subcommand("compare")]

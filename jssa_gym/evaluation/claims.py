@@ -11,7 +11,7 @@ from jssa_gym.evaluation.handover import ARRIVED, BEGIN, Delivery
 from jssa_gym.evaluation.paper import Measures
 from jssa_gym.kernels.index import index_value
 from jssa_gym.robots import JointLimits
-from jssa_gym.safety.certify import fastest_approach
+from jssa_gym.safety.condition import fastest_approach
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array, Trace
 

@@ -17,6 +17,7 @@ from jssa_gym.exceptions import ParameterError
 _TELLING = (
     "cli",
     "plots",
+    "rates.py",
     "viewer",
     "train",
     "evaluation/benchmark.py",

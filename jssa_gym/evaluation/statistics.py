@@ -1,84 +1,17 @@
-"""How sure one can be of a rate, a mean and a difference."""
+"""How sure one can be of a mean and a difference; of a rate, see :mod:`jssa_gym.rates`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.rates import Rate, clopper_pearson, tail_of
 from jssa_gym.types import Array
 
-
-def clopper_pearson(k: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
-    r"""Exact two-sided interval of a probability after k of n.
-
-    With :math:`\alpha = 1 -` confidence, the :math:`\alpha/2` quantile of :math:`\mathrm{Beta}(k, n-k+1)` and the
-    :math:`1-\alpha/2` quantile of :math:`\mathrm{Beta}(k+1, n-k)`; 0 for k = 0 and 1 for k = n. It covers the truth
-    with at least the confidence, whatever the truth.
-
-    Args:
-        k: How often it happened.
-        n: How often it was tried.
-        confidence: Between 0 and 1.
-
-    Raises:
-        ParameterError: Not 0 <= k <= n with n >= 1 in whole numbers, or no confidence between 0 and 1.
-    """
-    for name, value in (("k", k), ("n", n)):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer):
-            raise ParameterError(f"{name} has to be a whole number, got {value!r}")
-    if not (n >= 1 and 0 <= k <= n):
-        raise ParameterError(f"a rate needs 0 <= k <= n with n >= 1, got k = {k}, n = {n}")
-    tail = _tail(confidence)
-    from scipy.special import betaincinv
-
-    low = float(betaincinv(k, n - k + 1, tail)) if k > 0 else 0.0
-    high = float(betaincinv(k + 1, n - k, 1.0 - tail)) if k < n else 1.0
-    return low, high
-
-
-def _tail(confidence: float) -> float:
-    if not 0.0 < confidence < 1.0:
-        raise ParameterError(f"confidence has to be between 0 and 1, got {confidence!r}")
-    return (1.0 - confidence) / 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Rate:
-    """k of n, with its interval; in words like ``0 / 1,000 (≤ 0.37 %)``."""
-
-    k: int
-    n: int
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, k: int, n: int, confidence: float = 0.95) -> Self:
-        """The rate with its :func:`clopper_pearson` interval.
-
-        Raises:
-            ParameterError: As there.
-        """
-        return cls(int(k), int(n), *clopper_pearson(k, n, confidence))
-
-    @property
-    def value(self) -> float:
-        """Of k by n."""
-        return self.k / self.n
-
-    def __str__(self) -> str:
-        low, high = _percent(self.low), _percent(self.high)
-        interval = f"≤ {high}" if self.k == 0 else f"≥ {low}" if self.k == self.n else f"{low} to {high}"
-        return f"{self.k:,} / {self.n:,} ({interval})"
-
-
-def _percent(share: float) -> str:
-    """Two digits, and more where the share is almost 1: 99.63 % is not 100 %."""
-    percent = 100.0 * share
-    digits = 2 if percent < 99.0 else 4
-    return f"{percent:.{digits}g} %"
+__all__ = ["PairedDifference", "Rate", "bootstrap_interval", "clopper_pearson", "paired_difference"]
 
 
 def _samples(name: str, values: ArrayLike) -> Array:
@@ -110,7 +43,7 @@ def bootstrap_interval(
     Raises:
         ParameterError: No values, values that are not finite, or a confidence or count out of range.
     """
-    array, tail = _samples("values", values), _tail(confidence)
+    array, tail = _samples("values", values), tail_of(confidence)
     if isinstance(resamples, bool) or not isinstance(resamples, int) or resamples < 1:
         raise ParameterError(f"resamples has to be a positive integer, got {resamples!r}")
     rng = np.random.default_rng(seed)
@@ -153,7 +86,7 @@ def paired_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0
     one, other = _samples("outcomes", first), _samples("outcomes", second)
     if one.ndim != 1 or one.shape != other.shape or not np.all(np.isin([one, other], [0.0, 1.0])):
         raise ParameterError(f"outcomes have to be yes or no, as many each, got shapes {one.shape}, {other.shape}")
-    tail, n = _tail(confidence), len(one)
+    tail, n = tail_of(confidence), len(one)
     from scipy.special import ndtri
     from scipy.stats import binomtest
 
@@ -206,7 +139,7 @@ def means(values: ArrayLike, seed: int = 0, *, confidence: float = 0.95, resampl
     Raises:
         ParameterError: No episodes, another shape, or a confidence out of range.
     """
-    array, tail = np.array(values, dtype=np.float64), _tail(confidence)
+    array, tail = np.array(values, dtype=np.float64), tail_of(confidence)
     if array.ndim != 2 or len(array) == 0:
         raise ParameterError(f"values have to have shape (n, m) with n >= 1, got {array.shape}")
     there = np.isfinite(array)

@@ -4,7 +4,7 @@ import numpy as np
 
 from jssa_gym.kernels.chain import forward, place, point_on, tool_motion
 from jssa_gym.kernels.index import advance, approach, assess, exact_rows, index_of
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, jit_released
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.vector import add, along, dot, put, scale, subtract
 from jssa_gym.kernels.viability import jerk_box
@@ -59,7 +59,7 @@ def _move_to_boundary(segment, agent, at, phi, draw, domain, index):
     return dot(velocity, velocity) <= domain[1] ** 2
 
 
-@jit
+@jit_released
 def probe(
     links,
     capsules,
@@ -100,8 +100,9 @@ def probe(
         agents: Result, the spheres, shape (N,) of ``AGENT``.
         planes: Shape (0,) of ``PLANE``.
         before, pairs, frames, segments, after: Scratch: (1, 1) of ``PAIR`` twice, ``FRAME``, (1,) ``SEGMENT``, (3, n).
-        out: Result, shape (N, 2): index one step ahead [m²] and the third derivative of the distance in this
-            step [m/s³], both under the best jerk; NaN for a state outside the domain.
+        out: Result, shape (N, 6): index one step ahead [m²] and the third derivative of the distance in this
+            step [m/s³], both under the best jerk; distance [m] and its rate [m/s] now; how much normal jerk the
+            joints' jerk bounds can give [m/s³]; tip speed [m/s]. The first is NaN for a state outside the domain.
     """
     index, n = index_of(parameters), links.shape[0]
     lower, upper, jerk = -bounds[4], bounds[4].copy(), np.zeros(n)
@@ -115,6 +116,7 @@ def probe(
         if speed > domain[0]:
             for j in range(n):
                 state[1, j] *= draw[2] * domain[0] / speed
+            speed = draw[2] * domain[0]
         if viability and not jerk_box(state, bounds, dt, lower, upper):
             continue
         # look at the present, at the end of the step without jerk, and at its end under the best jerk; in one loop,
@@ -137,6 +139,9 @@ def probe(
                 if not _move_to_boundary(segments[0], agent[0], at, ahead, draw, domain, index):
                     break
                 now, tau = at.curvature, dt
+                # the sphere's velocity along the distance has changed since
+                at = approach(segments[0], agent[0], pair["s"], pair["r"], pair["distance"], index)
+                out[i, 2], out[i, 3], out[i, 5] = pair["distance"], at.rate, speed
                 advance(agent, dt)
                 for j in range(n):
                     jerk[j] = min(max(0.0, lower[j]), upper[j])
@@ -162,8 +167,11 @@ def probe(
                     owner,
                     target,
                 )
+                span = 0.0
                 for j in range(n):
+                    span += abs(L[0, j]) * bounds[4, j]
                     jerk[j] = upper[j] if L[0, j] > 0.0 else lower[j] if L[0, j] < 0.0 else jerk[j]
+                out[i, 4] = span / (index.lambda2 * dt)
             else:
                 out[i, 0], out[i, 1] = ahead, (at.curvature - now) / dt
                 advance(agent, -dt)

@@ -17,7 +17,8 @@ from typing import Any
 from numba import config, njit
 
 
-def _source_hash() -> str:
+def source_hash() -> str:
+    """Of all kernels."""
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(source.name.encode())
@@ -36,7 +37,7 @@ def _cache_root() -> Path:
 def _cache_directory() -> Path | None:
     """A writable directory for this version of the kernels, or None: then nothing is cached."""
     root = Path(config.CACHE_DIR) if config.CACHE_DIR else _cache_root() / "jssa_gym" / "numba"
-    directory = root / _source_hash()
+    directory = root / source_hash()
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -52,11 +53,20 @@ _FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 
 def jit(function: Callable[..., Any]) -> Any:
     """Compile a kernel on first use: cached on disk, IEEE arithmetic, division by zero gives inf."""
+    return _compiled(function, _FLAGS)
+
+
+def jit_released(function: Callable[..., Any]) -> Any:
+    """The same for a loop of seconds: other threads of Python run meanwhile, which costs a short kernel too much."""
+    return _compiled(function, {**_FLAGS, "nogil": True})
+
+
+def _compiled(function: Callable[..., Any], flags: dict[str, Any]) -> Any:
     if CACHE_DIRECTORY is None:
-        return njit(**_FLAGS)(function)
+        return njit(**flags)(function)
     previous = config.CACHE_DIR
     config.CACHE_DIR = str(CACHE_DIRECTORY)
     try:
-        return njit(cache=True, **_FLAGS)(function)
+        return njit(cache=True, **flags)(function)
     finally:
         config.CACHE_DIR = previous

@@ -11,7 +11,7 @@ import numpy as np
 
 from jssa_gym.kernels.index import index_value
 from jssa_gym.plots.backend import draw_without_display
-from jssa_gym.safety.certify import fastest_approach
+from jssa_gym.safety.condition import fastest_approach
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array
 

@@ -1,259 +1,242 @@
-r"""Which parameters of the index an arm can keep: Eq. (7), sampled, and a condition that suffices.
+r"""The certificate of an index: whether some admissible jerk always keeps :math:`\phi \le 0`, Eq. (7).
 
-Both are about one capsule of the robot and one person at constant velocity. They say nothing about several rows at
-once, nor about a person who changes pace: that is what the verified stop is for.
+Sampled on the boundary :math:`\phi = 0`, then searched for worse, one capsule of the robot after the other, against
+one person at constant velocity. It says nothing about several rows at once, nor about a person who changes pace: that
+is what the verified stop is for.
 """
 
-import math
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.feasibility import probe
-from jssa_gym.kernels.index import index_value
-from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
-from jssa_gym.robots import RobotModel
+from jssa_gym.kernels.compiled import announce_compilation
+from jssa_gym.rates import Rate
+from jssa_gym.robots import RobotModel, make_robot
+from jssa_gym.safety.boundary import KEPT, Boundary, BoundaryState, Domain
+from jssa_gym.safety.census import Census, Part, approach_bound, largest_part
+from jssa_gym.safety.chunks import Chunk, ChunkFile, Key, generator, run
+from jssa_gym.safety.condition import fastest_approach, needed_jerk
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.types import Array
-from jssa_gym.validation import known_name, low_high, number_within, positive_number, real_array
+from jssa_gym.safety.search import kept_part, worsen
+from jssa_gym.validation import known_name, positive_integer, positive_number, whole_number
 
-_KEPT = 1e-6
-"""Index [m²] up to which a state counts as kept, as in the filter."""
-
-_DRAWS = 1 << 14
-"""States drawn at a time."""
-
-_RAREST = 1e-3
-"""Share of the draws that have to lie in the domain."""
-
-
-@dataclass(frozen=True, slots=True)
-class Domain:
-    """States that :func:`sample_feasibility` draws from; its answer holds for these.
-
-    Raises:
-        ParameterError: A number is out of range.
-    """
-
-    tip_speed: float = 1.0
-    """The tool centre point is no faster [m/s]."""
-    human_speed: float = 1.0
-    """Nor is the person [m/s]."""
-    distance: tuple[float, float] = (0.05, 1.2)
-    """Range of the surface distance [m]."""
-    speed_share: float = 0.3
-    """Joint speeds, as a share of their limits."""
-    acceleration_share: float = 0.5
-    """Joint accelerations, as a share of their limits."""
-    radius: float = 0.1
-    """Of the person, a sphere [m]."""
-    band: float = 0.0
-    r"""How far below 0 :math:`\phi` may lie [m²]."""
-    viable: bool = True
-    """Whether the jerk has to keep the joint limits recoverable, or only its own bounds."""
-
-    def __post_init__(self) -> None:
-        for name in ("tip_speed", "human_speed", "radius"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
-        object.__setattr__(self, "distance", low_high("distance", self.distance))
-        for name in ("speed_share", "acceleration_share"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0, 1.0))
-        object.__setattr__(self, "band", number_within("band", self.band, 0.0))
+_CHUNK = 50_000
+"""States drawn from one generator, and what an interrupted run loses at most for every worker."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Feasibility:
-    r"""Whether some admissible jerk keeps :math:`\phi_{k+1} \le 0`, Eq. (7), for one capsule of the robot."""
+class LinkCertificate:
+    """What was found for one capsule of the robot."""
 
     capsule: str
-    infeasible: int
-    """States for which none does; ``Rate.of(infeasible, states)`` of ``jssa_gym.evaluation`` is its interval."""
-    states: int
-    """States drawn."""
-    margin: float
-    r"""Smallest :math:`-\phi_{k+1}` under the best jerk [m²]; negative where Eq. (7) fails."""
-    worst: Array
-    """Joint state with that margin, shape (3, n)."""
-    sphere: Array
-    """Person in that state: centre [m] and velocity [m/s], shape (2, 3)."""
+    infeasible: Rate
+    """Sampled states for which no jerk keeps the index; the interval is Clopper and Pearson's of 95 %."""
+    outside: Rate
+    """Sampled states outside the certificate set: an approach that the index alone does not end in time."""
+    infeasible_inside: int
+    """Infeasible states inside it."""
+    worst: BoundaryState
+    """The worst state that was drawn or searched for."""
+    worst_drawn: float
+    """Index one step ahead of the worst that was drawn [m²]."""
+    least_jerk: float
+    """Smallest third derivative of the distance under the best jerk that was drawn [m/s³]."""
     jerk: dict[float, float]
-    r"""Quantiles of :math:`\dddot D` under the best jerk [m/s³], by their level: :math:`j^*` of :func:`suffices`."""
+    """What the best jerk's third derivative exceeds in all but this share of the states [m/s³]."""
+    enough: Rate
+    """Infeasible states among those in which the arm has the jerk of the sufficient condition; None had to be there
+    in continuous time and without the sliding of closest points. n is at least 1."""
+    sampled_part: Part | None
+    """Largest part of the domain without an infeasible state that was drawn."""
+    part: Part | None
+    """The same after a search in it; None if the search ended every one."""
+    searched: int
+    """Counter-examples that the search for the part found."""
+
+    @property
+    def margin(self) -> float:
+        r"""Smallest :math:`-\phi_{k+1}` under the best jerk [m²]; negative where Eq. (7) fails."""
+        return -self.worst.ahead
+
+    @property
+    def holds(self) -> bool:
+        """Whether neither a draw nor the search found an infeasible state in the whole domain."""
+        return self.infeasible.k == 0 and self.worst.ahead <= KEPT
 
 
-def sample_feasibility(
-    robot: RobotModel,
-    index: IndexParams,
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """What was found for an index on a domain."""
+
+    robot: str
+    index: IndexParams
+    domain: Domain
+    dt: float
+    """[s]."""
+    seed: int
+    needed_jerk: float
+    """Third derivative of the distance that the sufficient condition asks for on the domain [m/s³]; inf if it cannot
+    hold there."""
+    fastest_approach: dict[float, float]
+    """By distance [m]: the fastest approach that the index alone ends in time [m/s], the edge of the certificate
+    set."""
+    links: tuple[LinkCertificate, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether no infeasible state of any capsule was found in the domain. Not a proof: none was found."""
+        return all(link.holds for link in self.links)
+
+    @property
+    def suffices(self) -> bool:
+        """Whether the sufficient condition holds with the smallest jerk that was drawn."""
+        return all(link.least_jerk >= self.needed_jerk for link in self.links)
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON can hold it."""
+
+        def clean(value: Any) -> Any:
+            if isinstance(value, dict):
+                return {str(key): clean(entry) for key, entry in value.items()}
+            if isinstance(value, list | tuple):
+                return [clean(entry) for entry in value]
+            if isinstance(value, np.ndarray):
+                return value.tolist()
+            return None if isinstance(value, float) and not np.isfinite(value) else value
+
+        values = clean(asdict(replace(self, links=())))
+        values["links"] = [{**clean(asdict(link)), "margin": link.margin, "holds": link.holds} for link in self.links]
+        return {**values, "holds": self.holds, "suffices": self.suffices}
+
+
+def _digest(robot: RobotModel) -> str:
+    """Hash of all that the counts depend on: two models may have the same name."""
+    limits = robot.limits
+    arrays = (robot.links, robot.capsules, np.array(robot.tool_link), robot.tool_offset)
+    text = hashlib.sha256()
+    for array in (*arrays, limits.position, limits.velocity, limits.acceleration, limits.jerk):
+        text.update(array.tobytes())
+    return text.hexdigest()[:16]
+
+
+def moved_capsules(robot: RobotModel) -> tuple[str, ...]:
+    """Names of the capsules that more than one joint moves: the first link's can hardly give way."""
+    return tuple(name for name, capsule in zip(robot.capsule_names, robot.capsules, strict=True) if capsule["link"] > 0)
+
+
+def certify(
+    robot: str | Path | RobotModel = "lr_mate_200id_7l",
+    index: IndexParams | None = None,
     *,
-    capsule: str,
+    domain: Domain | None = None,
+    capsules: Sequence[str] = (),
     states: int = 100_000,
     seed: int = 0,
-    domain: Domain | None = None,
+    jobs: int = 1,
     dt: float = 0.008,
-) -> Feasibility:
-    r"""Draw states with :math:`\phi = 0` and count those in which no jerk keeps it.
-
-    Joint states are uniform in the domain, and so is the distance; the person is anywhere around the capsule and
-    moves so that :math:`\phi` is 0 (or in the band below). Draws whose person were too fast for that, or whose arm
-    cannot keep its joint limits, are drawn again.
+    folder: str | Path | None = None,
+    progress: Callable[[int], Any] | None = None,
+    search: bool = True,
+) -> Certificate:
+    r"""Look for states with :math:`\phi = 0` in which no admissible jerk keeps :math:`\phi_{k+1} \le 0`, Eq. (7).
 
     Args:
-        robot: The arm.
+        robot: A model, the name of one, or an MJCF file.
         index: Parameters of the index.
-        capsule: Name of one of the robot's capsules.
-        states: How many.
-        seed: Of the draws.
-        domain: Where the states are drawn from.
+        domain: Where states are drawn from.
+        capsules: Of the robot, by name; all that more than one joint moves if there is none.
+        states: How many of each capsule.
+        seed: Of the draws. The result depends on it, not on ``jobs``.
+        jobs: How many threads.
         dt: Control step [s].
+        folder: Where counts are kept as they come; a certificate that was interrupted is gone on with.
+        progress: Called with the number of states that have been counted since the last call.
+        search: Whether to search around the worst states, and in the part of the domain without any.
 
     Raises:
-        ParameterError: An unknown capsule, no state asked for, or a domain in which hardly any state has that index.
+        ParameterError: A value is out of range, hardly any state of the domain has an index of 0, or the folder holds
+            another certificate.
+        RobotModelError: As of :func:`~jssa_gym.robots.make_robot`.
     """
-    domain = domain or Domain()
-    known_name("capsule", capsule, robot.capsule_names)
-    if isinstance(states, bool) or not isinstance(states, int) or states < 1:
-        raise ParameterError(f"states has to be a positive integer, got {states!r}")
-    row = robot.capsule_names.index(capsule)
-    limits, n, rng = robot.limits, robot.n, np.random.default_rng(seed)
-    low, high = limits.position.T
-    bounds = np.array([low, high, limits.velocity, limits.acceleration, limits.jerk])
-    region = np.array(
-        [domain.tip_speed, domain.human_speed, *domain.distance, domain.radius, domain.band], dtype=np.float64
-    )
-    scratch: Any = (
-        records(0, PLANE),
-        records((1, 1), PAIR),
-        records((1, 1), PAIR),
-        records(n, FRAME),
-        records(1, SEGMENT),
-        np.zeros((3, n)),
-    )
-    found: list[Array] = []
-    margin, worst, sphere, count, tries = np.inf, np.zeros((3, n)), np.zeros((2, 3)), 0, 0
-    while count < states:
-        drawn = np.stack(
-            [
-                rng.uniform(low, high, (_DRAWS, n)),
-                domain.speed_share * limits.velocity * rng.uniform(-1.0, 1.0, (_DRAWS, n)),
-                domain.acceleration_share * limits.acceleration * rng.uniform(-1.0, 1.0, (_DRAWS, n)),
-            ],
-            axis=1,
-        )
-        draws = np.hstack([rng.random((_DRAWS, 4)), rng.normal(size=(_DRAWS, 6)), rng.random((_DRAWS, 1))])
-        agents, out = records(_DRAWS, AGENT), np.zeros((_DRAWS, 2))
-        probe(
-            robot.links,
-            robot.capsules[row : row + 1],
-            robot.tool_link,
-            robot.tool_offset,
-            bounds,
-            dt,
-            index.array(),
-            region,
-            domain.viable,
-            drawn,
-            draws,
-            agents,
-            *scratch,
-            out,
-        )
-        inside = np.flatnonzero(~np.isnan(out[:, 0]))[: states - count]
-        count, tries = count + len(inside), tries + _DRAWS
-        if count < min(_RAREST * tries, states):
-            raise ParameterError(f"hardly any state of {domain} has an index of 0: {count} of {tries} draws")
-        found.append(out[inside])
-        k = inside[np.argmax(out[inside, 0])]
-        if -out[k, 0] < margin:
-            margin, worst = float(-out[k, 0]), drawn[k].copy()
-            sphere = np.array([agents[k]["start"], agents[k]["start_velocity"]])
-    ahead, jerk = np.concatenate(found).T
-    levels = (0.0, 0.01, 0.05, 0.5)
-    return Feasibility(
-        capsule=capsule,
-        infeasible=int(np.sum(~(ahead <= _KEPT))),
-        states=count,
-        margin=margin,
-        worst=worst,
-        sphere=sphere,
-        jerk=dict(zip(levels, np.quantile(jerk, levels).tolist(), strict=True)),
+    model, index, domain = make_robot(robot), index or IndexParams(), domain or Domain()
+    names = tuple(capsules) or moved_capsules(model)
+    for name in names:
+        known_name("capsule", name, model.capsule_names)
+    states, jobs = positive_integer("states", states), positive_integer("jobs", jobs)
+    seed, dt = whole_number("seed", seed), positive_number("dt", dt)
+    announce_compilation()
+    links = [Boundary(model, index, name, domain, dt) for name in dict.fromkeys(names)]
+    chunks = [
+        Chunk(link, k, min(_CHUNK, states - k * _CHUNK), seed) for k in range(-(-states // _CHUNK)) for link in links
+    ]
+    kept = None
+    if folder is not None:
+        setting = {"robot": model.name, "index": asdict(index), "domain": asdict(domain), "dt": dt, "seed": seed}
+        setting["model"] = _digest(model)
+        kept = ChunkFile(Path(folder), setting)
+    counted = _counted(chunks, jobs, kept, progress)
+    return Certificate(
+        robot=model.name,
+        index=index,
+        domain=domain,
+        dt=dt,
+        seed=seed,
+        needed_jerk=needed_jerk(index, approach=approach_bound(domain), distance=domain.distance[1]),
+        fastest_approach={D: float(fastest_approach(index, D)) for D in (0.1, 0.2, 0.3, 0.5, 1.0) if index.d_min < D},
+        links=tuple(_link(link, Census.total(counted[link.row]), seed, search) for link in links),
     )
 
 
-def suffices(index: IndexParams, *, jerk: float, approach: float, distance: float) -> bool:
-    r"""Whether the parameters are kept wherever the arm has enough jerk, in continuous time.
+def _counted(
+    chunks: Sequence[Chunk], jobs: int, kept: ChunkFile | None, progress: Callable[[int], Any] | None
+) -> dict[int, list[Census]]:
+    """Censuses of all chunks in order, by the number of the capsule."""
+    known = {} if kept is None else kept.read()
+    found: dict[Key, Census] = {}
 
-    With :math:`|\dot D| \le \bar v` and :math:`D \le \hat d`, Eq. (7) holds on
-    :math:`\mathcal C = \{D \ge d_{min}, \dot D \ge p^*(D), \phi \le 0\}` if
+    def done(chunk: Chunk, census: Census) -> None:
+        found[chunk.key] = census
+        if progress is not None:
+            progress(chunk.states)
 
-    .. math:: \lambda_1^2 \ge \max(8\lambda_2 d_{min}, 2\lambda_2\hat d),\qquad
-              \lambda_2^2 j^* \ge \lambda_1^2\bar v + \lambda_1(\hat d^2 - d_{min}^2).
-
-    Args:
-        index: Parameters of the index.
-        jerk: :math:`j^*`: some admissible jerk gives :math:`\dddot D \ge j^*` everywhere [m/s³].
-        approach: :math:`\bar v` [m/s].
-        distance: :math:`\hat d` [m].
-    """
-    d_min, one, two = index.d_min, index.lambda1, index.lambda2
-    damped = one**2 >= max(8.0 * two * d_min, 2.0 * two * distance)
-    return damped and two**2 * jerk >= one**2 * approach + one * max(distance**2 - d_min**2, 0.0)
-
-
-def propose(*, jerk: float, approach: float, distance: float, d_min: float = 0.05, damping: float = 8.0) -> IndexParams:
-    r"""The smallest :math:`\lambda_2` that :func:`suffices`, with :math:`\lambda_1^2 = c\lambda_2\hat d`.
-
-    Small parameters intervene late; a small damping c, at least 2, asks for more of the arm's jerk than a large one.
-
-    Args:
-        jerk, approach, distance: As of :func:`suffices`, positive.
-        d_min: Margin of the index [m].
-        damping: c, from 2 to 8; raised where :math:`8\lambda_2 d_{min}` is more.
-
-    Raises:
-        ParameterError: A number is out of range.
-    """
-    jerk, approach = positive_number("jerk", jerk), positive_number("approach", approach)
-    distance, d_min = positive_number("distance", distance), positive_number("d_min", d_min)
-    c = max(number_within("damping", damping, 2.0, 8.0) * distance, 8.0 * d_min)
-    # x = sqrt(lambda2): x³ j* - c v x - sqrt(c) (d² - d_min²) = 0 has one positive root
-    gap = math.sqrt(c) * max(distance**2 - d_min**2, 0.0)
-    roots = np.roots([jerk, 0.0, -c * approach, -gap])
-    root = float(np.max(roots.real[np.abs(roots.imag) < 1e-9])) * (1.0 + 1e-12)
-    return IndexParams(d_min=d_min, lambda1=math.sqrt(c) * root * (1.0 + 1e-12), lambda2=root**2)
+    left = []
+    for chunk in chunks:
+        if chunk.key in known:
+            done(chunk, known[chunk.key])
+        else:
+            left.append(chunk)
+    for chunk, census in run(left, jobs):
+        if kept is not None:
+            kept.append(chunk.key, census)
+        done(chunk, census)
+    by_link: dict[int, list[Census]] = {}
+    for chunk in chunks:
+        by_link.setdefault(chunk.boundary.row, []).append(found[chunk.key])
+    return by_link
 
 
-def fastest_approach(index: IndexParams, distance: ArrayLike) -> Array:
-    r"""Fastest approach from which :math:`\phi \le 0` alone keeps :math:`d_{min}`: :math:`p^*(D)`, negative [m/s].
-
-    While :math:`\phi = 0` is held, :math:`\lambda_2\ddot D = d_{min}^2 - D|D| - \lambda_1\dot D`. Its fast stable
-    manifold through :math:`(d_{min}, 0)` is :math:`\dot D = p^*(D)`: whoever is on it stops at :math:`d_{min}`, whoever
-    is faster does not. With it, :math:`\{D \ge d_{min}, \dot D \ge p^*(D), \phi \le 0\}` is forward invariant as long
-    as :math:`\phi \le 0` is kept; it is the largest set of which that alone is enough.
-
-    Args:
-        index: Parameters of the index.
-        distance: Surface distances of at least ``d_min``, increasing, shape (k,) [m].
-
-    Raises:
-        ParameterError: The distances are something else.
-    """
-    from scipy.integrate import solve_ivp
-
-    wanted = real_array("distance", distance, np.shape(distance), "distances [m]")
-    if wanted.ndim != 1 or np.any(np.diff(wanted) <= 0.0) or not np.all(wanted >= index.d_min):
-        raise ParameterError(f"distances have to increase from d_min = {index.d_min} on, got {distance!r}")
-    kernel, d_min, one, two = index.kernel(), index.d_min, index.lambda1, index.lambda2
-    slope = (one + math.sqrt(one**2 - 8.0 * two * d_min)) / (2.0 * two)
-    begin = 1e-6
-
-    def growth(D: float, p: Array) -> Array:
-        return np.array([index_value(D, p[0], 0.0, kernel) / (two * p[0])])
-
-    out = -slope * (wanted - d_min)
-    far = wanted > d_min + begin
-    if far.any():
-        span = (d_min + begin, float(wanted[-1]))
-        out[far] = solve_ivp(growth, span, [-slope * begin], t_eval=wanted[far], rtol=1e-8, atol=1e-12).y[0]
-    return out
+def _link(boundary: Boundary, census: Census, seed: int, search: bool) -> LinkCertificate:
+    rng = generator(seed, 1, boundary.row)
+    genes = census.worst[:, 1:]
+    drawn = boundary.look(genes)
+    worst = worsen(boundary, genes, rng) if search else drawn
+    sampled = largest_part(census.counts, boundary.domain)
+    part, searched = kept_part(boundary, census.counts, rng) if search else (None, 0)
+    return LinkCertificate(
+        capsule=boundary.capsule,
+        infeasible=Rate.of(census.infeasible, census.states),
+        outside=Rate.of(census.outside, census.states),
+        infeasible_inside=census.infeasible_inside,
+        worst=boundary.state(worst, 0),
+        worst_drawn=float(census.worst[0, 0]),
+        least_jerk=census.least_jerk,
+        jerk={level: census.jerk_quantile(level) for level in (0.01, 0.05, 0.5)},
+        enough=Rate.of(census.infeasible_enough, census.enough) if census.enough else Rate.of(0, 1),
+        sampled_part=sampled,
+        part=part,
+        searched=searched,
+    )

@@ -1,0 +1,282 @@
+"""``jssa-gym certify``: where an index can be kept, and where not."""
+
+import json
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from jssa_gym import plots
+from jssa_gym.cli.files import write_json
+from jssa_gym.evaluation import judge
+from jssa_gym.evaluation.counterexample import load_counterexample, play_on, save_counterexample
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import make_robot
+from jssa_gym.safety.boundary import KEPT, Domain
+from jssa_gym.safety.census import Part
+from jssa_gym.safety.certify import Certificate, certify
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.lambda_map import LambdaMap, sweep
+from jssa_gym.validation import positive_integer
+
+_DEFAULT, _INDEX = Domain(), IndexParams()
+
+
+@dataclass(frozen=True)
+class Certify:
+    """Does some admissible jerk always keep the safety index, Eq. (7)? Sampled, then searched for worse.
+
+    The exit code is 1 if a counter-example was found in the domain. What was interrupted goes on when the same command
+    is given again.
+    """
+
+    lambda1: float = _INDEX.lambda1
+    """Of the index [m·s]."""
+    lambda2: float = _INDEX.lambda2
+    """Of the index [m·s²]."""
+    d_min: float = _INDEX.d_min
+    """Margin of the index [m]."""
+    robot: str = "lr_mate_200id_7l"
+    """Name of a robot, or an MJCF file with its limits beside it."""
+    capsules: tuple[str, ...] = ()
+    """Of the robot; all that more than one joint moves if there is none."""
+    tip_speed: float = _DEFAULT.tip_speed
+    """Domain: the tool centre point is no faster [m/s]."""
+    human_speed: float = _DEFAULT.human_speed
+    """Domain: nor is the person [m/s]."""
+    distance: tuple[float, float] = _DEFAULT.distance
+    """Domain: range of the surface distance [m]."""
+    speed_share: float = _DEFAULT.speed_share
+    """Domain: joint speeds, as a share of their limits."""
+    acceleration_share: float = _DEFAULT.acceleration_share
+    """Domain: joint accelerations, as a share of their limits."""
+    authority: float = _DEFAULT.authority
+    """Domain: the joints can give the distance at least so much jerk [m/s³]; the shield's rows ask for 5."""
+    radius: float = _DEFAULT.radius
+    """Domain: of the person, a sphere [m]."""
+    viable: bool = True
+    """Whether the jerk has to keep the joint limits recoverable, or only its own bounds."""
+    states: int = 100_000
+    """How many of each capsule; with --sweep of each capsule and pair, 5,000 unless given."""
+    seed: int = 0
+    """Of the draws."""
+    jobs: int = 1
+    """How many threads; the result does not depend on it."""
+    out: Path = Path("certificate")
+    """Folder for counts, certificate, counter-examples and map."""
+    sweep: bool = False
+    """Draw the map of lambda1 and lambda2 instead, and name the pair that loses the fewest boundary states."""
+    lambda1_range: tuple[float, float] = (0.5, 8.0)
+    """Of the map [m·s]."""
+    lambda2_range: tuple[float, float] = (0.05, 8.0)
+    """Of the map [m·s²]."""
+    grid: int = 7
+    """Values of either parameter in the map's first grid."""
+    trigger: float | None = None
+    """Of the map: the best pair slows nobody down who is farther away than this [m]; the domain's largest distance
+    unless given."""
+    replay: Path | None = None
+    """Play a counter-example's recording again instead: exit code 1 if it does not go as it was recorded."""
+    json: bool = False
+    """Print JSON instead of a table."""
+
+    def run(self) -> None:
+        """Certify, draw the map, or play again."""
+        if self.replay is not None:
+            self._replay(self.replay)
+            return
+        positive_integer("states", self.states)
+        domain = Domain(
+            self.tip_speed,
+            self.human_speed,
+            self.distance,
+            self.speed_share,
+            self.acceleration_share,
+            self.authority,
+            self.radius,
+            viable=self.viable,
+        )
+        if self.sweep:
+            self._sweep(domain)
+        else:
+            self._certify(domain)
+
+    def _certify(self, domain: Domain) -> None:
+        index = IndexParams(d_min=self.d_min, lambda1=self.lambda1, lambda2=self.lambda2)
+        robot, console = make_robot(self.robot), Console(stderr=True)
+        try:
+            with _progress(console, "states") as progress:
+                task = progress.add_task("states", total=None)
+                found = certify(
+                    robot,
+                    index,
+                    domain=domain,
+                    capsules=self.capsules,
+                    states=self.states,
+                    seed=self.seed,
+                    jobs=self.jobs,
+                    folder=self.out,
+                    progress=lambda count: progress.advance(task, count),
+                )
+        except KeyboardInterrupt:
+            console.print(f"stopped; the same command goes on from the counts in {self.out}")
+            raise SystemExit(130) from None
+        written = [self.out / "certificate.json"]
+        write_json(written[0], found.plain())
+        for link in found.links:
+            path = self.out / f"counterexample-{link.capsule}.npz"
+            path.unlink(missing_ok=True)
+            if not link.worst.ahead <= KEPT:
+                save_counterexample(path, robot, index, link.worst, dt=found.dt, viable=domain.viable)
+                written.append(path)
+        if self.json:
+            print(json.dumps(found.plain(), indent=2))
+        else:
+            _show(found)
+        console.print(f"wrote {', '.join(map(str, written))}", highlight=False, soft_wrap=True)
+        if not found.holds:
+            raise SystemExit(1)
+
+    def _sweep(self, domain: Domain) -> None:
+        plots.require()
+        robot, console = make_robot(self.robot), Console(stderr=True)
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ParameterError(f"cannot write to {self.out}: {error.strerror}") from error
+        states = 5_000 if self.states == Certify.states else self.states
+        with _progress(console, "pairs") as progress:
+            task, total = progress.add_task("pairs", total=0), 0
+
+            def done(count: int) -> None:
+                nonlocal total
+                total -= min(count, 0)
+                progress.update(task, total=total, advance=max(count, 0))
+
+            swept = sweep(
+                robot,
+                lambda1=self.lambda1_range,
+                lambda2=self.lambda2_range,
+                d_min=self.d_min,
+                grid=self.grid,
+                trigger=self.trigger,
+                domain=domain,
+                capsules=self.capsules,
+                states=states,
+                seed=self.seed,
+                jobs=self.jobs,
+                progress=done,
+            )
+        write_json(self.out / "map.json", swept.plain())
+        figure = plots.lambda_map(swept, {"asked about": (self.lambda1, self.lambda2), "the paper's": (3.0, 1.0)})
+        figure.savefig(self.out / "map.part.png", dpi=90)
+        (self.out / "map.part.png").replace(self.out / "map.png")
+        if self.json:
+            print(json.dumps(swept.plain(), indent=2))
+        else:
+            _show_map(swept)
+        console.print(f"wrote {self.out / 'map.json'}, {self.out / 'map.png'}", highlight=False, soft_wrap=True)
+
+    def _replay(self, path: Path) -> None:
+        recorded, index, found, viable = load_counterexample(path)
+        robot = make_robot(self.robot)
+        verdict = judge(recorded, robot)
+        again = play_on(robot, index, found, dt=recorded.dt, viable=viable, ticks=len(recorded.time))
+        same = again.jerk.tobytes() == recorded.jerk.tobytes() and again.phi.tobytes() == recorded.phi.tobytes()
+        if self.json:
+            ticks = [{"time": float(t), "phi": float(p)} for t, p in zip(again.time, again.phi, strict=True)]
+            values = {"capsule": found.capsule, "infeasible": bool(again.phi[0] > KEPT), "ticks": ticks}
+            print(json.dumps({**values, "same": same, "mujoco_agrees": verdict.agrees}, indent=2))
+        else:
+            table = Table("time", "φ", "distance of the arm", "what the filter says", title=recorded.name)
+            table.add_row("0.000 s", "0 m²", "", "")
+            for k in range(0, len(again.time), 1 if len(again.time) < 12 else 3):
+                row = (f"{again.time[k]:.3f} s", f"{again.phi[k]:+.3g} m²", f"{again.distance[k]:.3f} m")
+                table.add_row(*row, str(again.reason[k]))
+            console = Console()
+            console.print(table)
+            console.print(
+                f"the recording is {'the same' if same else 'ANOTHER'}; MuJoCo's distances "
+                f"{'agree' if verdict.agrees else 'DISAGREE'}"
+            )
+        if not (same and verdict.agrees):
+            raise SystemExit(1)
+
+
+@contextmanager
+def _progress(console: Console, unit: str) -> Generator[Progress]:
+    columns: tuple[Any, ...] = (TextColumn(unit), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+        yield progress
+
+
+def _words(part: Part | None) -> str:
+    if part is None:
+        return "none"
+    near, far = part.distance
+    return (
+        f"tip ≤ {part.tip_speed:.3g} m/s, {near:.2f} to {far:.2f} m, authority ≥ {part.authority:g} m/s³ "
+        f"(0 / {part.states:,}, ≤ {100.0 * part.bound:.2g} %)"
+    )
+
+
+def _show(found: Certificate) -> None:
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=150)
+    index = found.index
+    table = Table(
+        title=f"states with φ = 0 that no jerk keeps: λ = ({index.lambda1:g}, {index.lambda2:g}), {index.d_min:g} m",
+    )
+    for title in ("", "infeasible", "outside 𝒞", "worst φ after a step", "found at", "jerk: least, 1 %, median"):
+        table.add_column(title)
+    for link in found.links:
+        worst = link.worst
+        table.add_row(
+            link.capsule,
+            str(link.infeasible),
+            f"{100.0 * link.outside.value:.2g} %",
+            f"{worst.ahead:+.3g} m² (drawn {link.worst_drawn:+.3g})",
+            f"{worst.distance:.2f} m, tip {worst.tip_speed:.2f} m/s, authority {worst.authority:.1f} m/s³",
+            f"{link.least_jerk:.3g}, {link.jerk[0.01]:.3g}, {link.jerk[0.5]:.3g} m/s³",
+        )
+    console.print(table)
+    kept = Table("", "largest part without an infeasible draw", "and without one that a search in it found")
+    for link in found.links:
+        kept.add_row(link.capsule, _words(link.sampled_part), f"{_words(link.part)}; {link.searched} found")
+    console.print(kept)
+    edge = ", ".join(f"{speed:.2f} m/s at {D:g} m" for D, speed in found.fastest_approach.items())
+    console.print(f"the index alone ends approaches up to: {edge}", highlight=False)
+    console.print(
+        f"the sufficient condition asks for a jerk of {found.needed_jerk:.3g} m/s³: "
+        f"{'holds' if found.suffices else 'does not hold'} on the domain",
+        highlight=False,
+    )
+    verdict = "no counter-example was found" if found.holds else "counter-examples were found: the certificate FAILS"
+    console.print(f"on the domain {verdict}", highlight=False)
+
+
+def _show_map(swept: LambdaMap) -> None:
+    console = Console()
+    table = Table("λ₁", "λ₂", "lost: worst capsule", "infeasible: worst capsule", "first slowed down at")
+    for cell in sorted(swept.allowed, key=lambda cell: cell.cost)[:8]:
+        table.add_row(
+            f"{cell.lambda1:.3g}",
+            f"{cell.lambda2:.3g}",
+            f"≤ {100.0 * cell.cost:.2g} %",
+            f"≤ {100.0 * max(rate.high for rate in cell.infeasible.values()):.2g} %",
+            f"{cell.trigger:.2f} m",
+        )
+    console.print(table)
+    best = swept.best
+    console.print(
+        f"of the pairs that slow nobody down beyond {swept.trigger:g} m, λ = ({best.lambda1:.3g}, {best.lambda2:.3g}) "
+        "loses the fewest boundary states of the worst capsule (no jerk keeps the index, or the index alone ends the "
+        "approach too late); how often it intervenes is not weighed",
+        highlight=False,
+    )

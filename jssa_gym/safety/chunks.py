@@ -1,0 +1,135 @@
+"""Boundary states counted in chunks: by as many threads as wanted, kept on disk, continued after a crash."""
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.kernels.jit import source_hash
+from jssa_gym.safety.boundary import Boundary
+from jssa_gym.safety.census import Census
+
+Key = tuple[str, int, int]
+"""Capsule, number of the chunk, and its states."""
+
+
+def generator(seed: int, *key: int) -> np.random.Generator:
+    """One of many that have nothing in common, by counters."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+class Chunk(NamedTuple):
+    """States that are drawn from one generator: who counts them, and when, makes no difference."""
+
+    boundary: Boundary
+    number: int
+    states: int
+    seed: int
+
+    @property
+    def key(self) -> Key:
+        """What tells it from the others of a certificate."""
+        return self.boundary.capsule, self.number, self.states
+
+    def census(self) -> Census:
+        """Draw and count.
+
+        Raises:
+            ParameterError: Hardly any state of the domain has an index of 0.
+        """
+        looks, draws = self.boundary.sample(self.states, generator(self.seed, 0, self.boundary.row, self.number))
+        return Census.of(self.boundary, looks, draws)
+
+
+def run(chunks: Sequence[Chunk], jobs: int) -> Iterator[tuple[Chunk, Census]]:
+    """Chunks with their censuses, as they end.
+
+    Args:
+        chunks: What to count.
+        jobs: How many threads: kernel and generators let each other run.
+    """
+    if jobs == 1:
+        yield from ((chunk, chunk.census()) for chunk in chunks)
+        return
+    with ThreadPoolExecutor(jobs) as pool:
+        waiting: dict[Future[Census], Chunk] = {}
+        try:
+            todo = iter(chunks)
+            while True:
+                # few at a time, so that an interrupt need not undo a long queue
+                while len(waiting) < 2 * jobs and (chunk := next(todo, None)) is not None:
+                    waiting[pool.submit(chunk.census)] = chunk
+                if not waiting:
+                    return
+                for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                    yield waiting.pop(future), future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+class ChunkFile:
+    """Censuses in a file of a folder, one a line; the first says what they are about.
+
+    Args:
+        folder: It is made if there is none.
+        setting: What the censuses depend on, as JSON can hold it.
+
+    Raises:
+        ParameterError: The folder cannot be used, or holds censuses of another setting or of other kernels.
+    """
+
+    def __init__(self, folder: Path, setting: dict[str, Any]) -> None:
+        self.path = folder / "chunks.jsonl"
+        first = json.loads(json.dumps({**setting, "kernels": source_hash()}))
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lines = self._lines()
+            if not lines:
+                self.path.write_text(json.dumps(first) + "\n")
+                return
+        except (OSError, UnicodeDecodeError) as error:
+            raise ParameterError(f"cannot use {folder}: {getattr(error, 'strerror', error)}") from error
+        try:
+            known = json.loads(lines[0])
+            other = [name for name in first if known.get(name) != first[name]]
+        except (ValueError, AttributeError) as error:
+            raise ParameterError(f"{self.path} is no file of counts; choose another folder") from error
+        if other:
+            raise ParameterError(f"{folder} holds another certificate (other {', '.join(other)}); choose another")
+
+    def _lines(self) -> list[str]:
+        """Whole lines; what a crash cut off is dropped, and counted again."""
+        if not self.path.exists():
+            return []
+        content = self.path.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]
+        if len(whole) < len(content):
+            os.truncate(self.path, len(whole))
+        return whole.decode().splitlines()
+
+    def read(self) -> dict[Key, Census]:
+        """All censuses that are there.
+
+        Raises:
+            ParameterError: A line is no census.
+        """
+        found: dict[Key, Census] = {}
+        for line in self._lines()[1:]:
+            try:
+                (capsule, number, states), plain = json.loads(line)
+                found[capsule, number, states] = Census.read(plain)
+            except (ValueError, KeyError, TypeError, IndexError) as error:
+                raise ParameterError(f"{self.path} holds a line that is no count: {error}") from error
+        return found
+
+    def append(self, key: Key, census: Census) -> None:
+        """Add one."""
+        with self.path.open("a") as file:
+            file.write(json.dumps([key, census.plain()]) + "\n")
+            file.flush()
+            os.fsync(file.fileno())

@@ -1,0 +1,190 @@
+r"""The map of :math:`(\lambda_1, \lambda_2)`: how many boundary states each pair loses, and which loses the fewest."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.kernels.compiled import announce_compilation
+from jssa_gym.rates import Rate
+from jssa_gym.robots import RobotModel, make_robot
+from jssa_gym.safety.boundary import Boundary, Domain
+from jssa_gym.safety.census import Census
+from jssa_gym.safety.certify import moved_capsules
+from jssa_gym.safety.chunks import Chunk, run
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.types import Array
+from jssa_gym.validation import known_name, low_high, positive_integer, positive_number, whole_number
+
+_ROUNDS = 2
+"""Finer grids around the best pair."""
+
+_FINER = 5
+"""Values of either parameter in a finer grid."""
+
+_MORE = 4
+"""How many times as many states each finer grid draws."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One pair of parameters; rates by capsule."""
+
+    lambda1: float
+    lambda2: float
+    infeasible: dict[str, Rate]
+    """Boundary states in which no jerk keeps the index."""
+    lost: dict[str, Rate]
+    """Those, and those outside the certificate set: an approach that the index alone does not end in time."""
+    trigger: float
+    """Distance at which a person at top speed, straight at an arm at rest, has an index of 0 [m]."""
+
+    @property
+    def cost(self) -> float:
+        """What the best pair has least of: lost states of the worst capsule, upper end of the 95 % interval."""
+        return max(rate.high for rate in self.lost.values())
+
+
+@dataclass(frozen=True, slots=True)
+class LambdaMap:
+    """Pairs that were tried."""
+
+    domain: Domain
+    d_min: float
+    """[m]."""
+    grid: tuple[tuple[float, ...], tuple[float, ...]]
+    """Values of both parameters in the first grid."""
+    cells: tuple[Cell, ...]
+    r"""All pairs but those with :math:`\lambda_1^2 < 8\lambda_2 d_{min}` and those whose boundary hardly meets the
+    domain."""
+
+    trigger: float
+    """Largest :attr:`Cell.trigger` that the best pair may have [m]."""
+
+    @property
+    def allowed(self) -> tuple[Cell, ...]:
+        """Pairs with at most that."""
+        return tuple(cell for cell in self.cells if cell.trigger <= self.trigger)
+
+    @property
+    def best(self) -> Cell:
+        """The allowed pair with the least :attr:`Cell.cost`."""
+        return min(self.allowed, key=lambda cell: cell.cost)
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON can hold it."""
+        return {**asdict(self), "best": asdict(self.best)}
+
+
+def sweep(
+    robot: str | Path | RobotModel = "lr_mate_200id_7l",
+    *,
+    lambda1: tuple[float, float] = (0.5, 8.0),
+    lambda2: tuple[float, float] = (0.05, 8.0),
+    d_min: float = 0.05,
+    grid: int = 7,
+    trigger: float | None = None,
+    domain: Domain | None = None,
+    capsules: Sequence[str] = (),
+    states: int = 5_000,
+    seed: int = 0,
+    jobs: int = 1,
+    dt: float = 0.008,
+    progress: Callable[[int], Any] | None = None,
+) -> LambdaMap:
+    """Try a grid of pairs, then finer grids around the best.
+
+    The measure is that of the domain, on another boundary for every pair: a difference between two pairs is one of
+    both the arm's ability and the states that are asked about.
+
+    Args:
+        robot: A model, the name of one, or an MJCF file.
+        lambda1: Range [m·s].
+        lambda2: Range [m·s²].
+        d_min: Margin of the index [m].
+        grid: Values of either parameter, at least 2, evenly spaced by their logarithm.
+        trigger: How far away the best pair may begin to slow down a person at top speed [m]: without a bound, ever
+            larger parameters would lose ever fewer states. The domain's largest distance unless given.
+        domain: Where states are drawn from.
+        capsules: As of :func:`~jssa_gym.safety.certify.certify`.
+        states: Of each capsule and pair; the finer grids draw 4 and 16 times as many.
+        seed: Of the draws.
+        jobs: How many threads.
+        dt: Control step [s].
+        progress: Called with the number of pairs that are to come in a grid, negative, then with 1 after each.
+
+    Raises:
+        ParameterError: A value is out of range, or no pair can be tried.
+        RobotModelError: As of :func:`~jssa_gym.robots.make_robot`.
+    """
+    model, domain = make_robot(robot), domain or Domain()
+    names = tuple(dict.fromkeys(capsules)) or moved_capsules(model)
+    for name in names:
+        known_name("capsule", name, model.capsule_names)
+    grid, states, jobs = (
+        positive_integer(name, value) for name, value in (("grid", grid), ("states", states), ("jobs", jobs))
+    )
+    if grid < 2:
+        raise ParameterError(f"grid has to be at least 2, got {grid}")
+    seed, dt, d_min = whole_number("seed", seed), positive_number("dt", dt), positive_number("d_min", d_min)
+    trigger = domain.distance[1] if trigger is None else positive_number("trigger", trigger)
+    announce_compilation()
+    first = _axis("lambda1", lambda1, grid), _axis("lambda2", lambda2, grid)
+    ones, twos = first
+    tried: dict[tuple[float, float], Cell] = {}
+    allowed: list[Cell] = []
+    for finer in range(_ROUNDS + 1):
+        if finer:
+            best = min(allowed, key=lambda cell: cell.cost)
+            ones, twos = _around(ones, best.lambda1), _around(twos, best.lambda2)
+        pairs = [(float(x), float(y)) for x in ones for y in twos if x**2 >= 8.0 * y * d_min]
+        if progress is not None:
+            progress(-len(pairs))
+        for one, two in pairs:
+            index = IndexParams(d_min=d_min, lambda1=one, lambda2=two)
+            links = [Boundary(model, index, name, domain, dt) for name in names]
+            try:
+                counted = list(run([Chunk(link, finer, states * _MORE**finer, seed) for link in links], jobs))
+            except ParameterError:
+                counted = []  # the boundary hardly meets the domain
+            if counted:
+                found = {chunk.boundary.capsule: census for chunk, census in counted}
+                tried[one, two] = _cell(index, domain, {name: found[name] for name in names})
+            if progress is not None:
+                progress(1)
+        allowed = [cell for cell in tried.values() if cell.trigger <= trigger]
+        if not allowed:
+            raise ParameterError(
+                "no pair to choose from: lambda1² has to be at least 8 lambda2 d_min, the boundary has to meet the "
+                f"domain, and d_min² + lambda1 {domain.human_speed:g} m/s may be at most trigger²; got lambda1 in "
+                f"{lambda1}, lambda2 in {lambda2}, trigger {trigger:g} m, {domain}"
+            )
+    axes = tuple(first[0].tolist()), tuple(first[1].tolist())
+    return LambdaMap(domain, d_min, axes, tuple(tried.values()), trigger)
+
+
+def _axis(name: str, limits: tuple[float, float], count: int) -> Array:
+    low, high = low_high(name, limits)
+    positive_number(name, low)
+    if not low < high:
+        raise ParameterError(f"{name} has to be (low, high) with low < high, got {limits!r}")
+    return np.geomspace(low, high, count)
+
+
+def _around(axis: Array, best: float) -> Array:
+    """From one neighbour of the best value to the other."""
+    k = int(np.argmin(np.abs(axis - best)))
+    return np.geomspace(axis[max(k - 1, 0)], axis[min(k + 1, len(axis) - 1)], _FINER)
+
+
+def _cell(index: IndexParams, domain: Domain, found: dict[str, Census]) -> Cell:
+    return Cell(
+        index.lambda1,
+        index.lambda2,
+        infeasible={name: Rate.of(one.infeasible, one.states) for name, one in found.items()},
+        lost={name: Rate.of(one.outside + one.infeasible_inside, one.states) for name, one in found.items()},
+        trigger=float(np.sqrt(index.d_min**2 + index.lambda1 * domain.human_speed)),
+    )
