@@ -42,6 +42,16 @@ class Tour(Home):
         return float(np.abs(goal[-1] - moment.position).max())
 
 
+class Visitor(ApproachRetreat):
+    """Comes, stays a while and walks away, out of reach."""
+
+    def _begin(self, rng, start):
+        begin = super()._begin(rng, start)
+        end, velocity = self._segments[-1]
+        self._segments[-1] = (end + 6.0, velocity)
+        return begin
+
+
 class MovingGoal(ArmEnv):
     """The goal of the tool moves on in every step, until it stops."""
 
@@ -210,7 +220,7 @@ def test_a_host_that_never_answers_once_is_asked_again():
 def resumed(seed, shielded=True):
     """A tour that somebody interrupts and leaves: interference noticed, interventions, finished, moving contact."""
     rng = np.random.default_rng(seed)
-    person = ApproachRetreat(start=1.5, nearest=(0.62, 0.75), wait=(0.0, 0.5), speed=(0.5, 0.8), stay=(0.5, 1.5))
+    person = Visitor(start=1.5, nearest=(0.62, 0.75), wait=(0.0, 0.5), speed=(0.5, 0.8), stay=(0.5, 1.5))
     base = ArmEnv(Tour(), human=person, terminate_on=())
     env = jssa_gym.JSSAShield(base) if shielded else base
     policy = JPCPolicy(env, seed, host_delay=float(rng.uniform(0.0, 2.0)))

@@ -12,6 +12,7 @@ from jssa_gym.control.jpc import JPC, Phase, Request
 from jssa_gym.control.moves import plan_approach, plan_move
 from jssa_gym.control.plan import Plan, plan_waypoints
 from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
+from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import low_high, positive_number
 
@@ -21,6 +22,13 @@ Delay = float | tuple[float, float] | Callable[[np.random.Generator], float]
 """Of the host [s]: a number, a range to draw from, or what draws it; infinity for an answer that never comes."""
 
 
+_SLOWER = 0.7
+"""By which speed and acceleration are reduced after an interruption that came before the next waypoint."""
+
+_SLOWEST = 0.15
+"""Share of the limits that is left at least."""
+
+
 class JPCPolicy:
     """Drives any task by the jerk-bounded position controller: the scripted baseline.
 
@@ -28,8 +36,10 @@ class JPCPolicy:
     joint state alone when a shield commands something else; see ``docs/control.md``. The goal is
     ``env.unwrapped.goal``, which ``env.unwrapped.task.space`` says how to read: ``"joints"`` for a posture (n,) or
     waypoints (K, n) that ``task.period`` seconds lie between, ``"tip"`` for a point (3,) for the tool that may move. An
-    environment without a task is kept at the robot's home. It has to be called in every tick, so not outside of an
-    :class:`~jssa_gym.ActionRepeat`.
+    environment without a task is kept at the robot's home. Interrupted again and again on the way to the same waypoint,
+    it goes there more slowly every time: what a shield refuses at full speed it may grant at less.
+
+    It has to be called in every tick, so not outside of an :class:`~jssa_gym.ActionRepeat`.
 
     Args:
         env: The environment, wrapped or not.
@@ -71,6 +81,7 @@ class JPCPolicy:
         self._seen = self.jpc.request
         self._due: list[tuple[int, Request, Array]] = []
         self._tick = 0
+        self._share, self._met, self._done = 1.0, 0, True
 
     def __call__(self, observation: Any) -> Array:
         """The next jerk of the buffer as a share of the jerk bounds, shape (n,)."""
@@ -88,12 +99,31 @@ class JPCPolicy:
         jerk = self.jpc.step(np.array((state.position, state.velocity, state.acceleration)))
         request = self.jpc.request
         if request is not None and request is not self._seen:
+            self._choose_share(request)
             delay = self._delay(self._rng)
             if np.isfinite(delay):
                 self._due.append((self._tick + max(1, round(delay / self._dt)), request, self._goal))
         self._seen = request
+        self._done = self._done or self.jpc.phase is Phase.IDLE
         self._tick += 1
         return np.clip(jerk / self._jerk_bound, -1.0, 1.0)  # rounding
+
+    def _choose_share(self, request: Request) -> None:
+        """Slower after an interruption, at full speed again after a waypoint or at the goal."""
+        if self.jpc.phase is Phase.SETTLING:
+            self._share = max(_SLOWER * self._share, _SLOWEST)
+        elif self.jpc.phase is not Phase.WAITING or self._done:
+            self._share = 1.0
+        if request.met > self._met:
+            self._share = 1.0
+        self._met, self._done = request.met, False
+
+    def _limits(self, state: JointState) -> JointLimits:
+        """Those to plan with; all of them in motion, which may already need them."""
+        full = self._robot.limits
+        if self._share == 1.0 or np.any(state.velocity):
+            return full
+        return JointLimits(full.position, self._share * full.velocity, self._share * full.acceleration, full.jerk)
 
     def _has_moved(self, goal: Array) -> bool:
         if not self._tip:
@@ -128,29 +158,29 @@ class JPCPolicy:
         if np.any(state.velocity):
             # a goal that moves while the arm does: the nearest posture goes on from the present one
             postures = postures_for(robot, point, planes, state.position, self._rng, restarts=0, clear=self._clear)
-            return plan_approach(state, postures[0], robot.limits, self._dt)
+            return plan_approach(state, postures[0], self._limits(state), self._dt)
         postures = postures_for(robot, point, planes, state.position, self._rng, clear=self._clear)
         for posture in postures:
             if way_is_clear(robot, state.position, posture, planes, self._clear):
-                return plan_move(state.position, posture, robot.limits, self._dt)
+                return plan_move(state.position, posture, self._limits(state), self._dt)
         return self._to_posture(state, postures[0], planes)
 
     def _to_posture(self, state: JointState, posture: Array, planes: Any) -> Plan:
-        robot, dt = self._robot, self._dt
+        robot, dt, limits = self._robot, self._dt, self._limits(state)
         home, clear = np.array(robot.home), self._clear
         if np.any(state.velocity) or way_is_clear(robot, state.position, posture, planes, clear):
-            return plan_approach(state, posture, robot.limits, dt)
+            return plan_approach(state, posture, limits, dt)
         round_about = way_is_clear(robot, state.position, home, planes, clear)
         if round_about and way_is_clear(robot, home, posture, planes, clear):
-            via = plan_move(state.position, home, robot.limits, dt).then(plan_move(home, posture, robot.limits, dt))
+            via = plan_move(state.position, home, limits, dt).then(plan_move(home, posture, limits, dt))
             return Plan(dt, via.jerk, via.states, via.marks[-1:])
-        return plan_move(state.position, posture, robot.limits, dt)
+        return plan_move(state.position, posture, limits, dt)
 
     def _through(self, state: JointState, waypoints: Array, planes: Any) -> Plan:
         """Waypoints a period apart; from too far away, or back from an interruption, first to the next one."""
         if self._period is None:
             raise ParameterError("waypoints need task.period, the time between them [s]")
-        limits, dt = self._robot.limits, self._dt
+        limits, dt = self._limits(state), self._dt
         try:
             return plan_waypoints(state, waypoints, self._period, limits, dt, shortest=False)
         except InfeasibleError:
