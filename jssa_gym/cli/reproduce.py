@@ -74,7 +74,7 @@ def _fig8(done: Advance) -> Result:
 def _fig10(done: Advance) -> Result:
     runs = reproduction.handovers(done)
     drawn = [plots.Tracking(run.trace, run.tip, run.goal, run.replans) for run in runs.values()]
-    measured = {name: paper.measures(run.trace, run.limits) for name, run in runs.items()}
+    measured = {PAPER: paper.FIG10} | {name: paper.measures(run.trace, run.limits) for name, run in runs.items()}
     figure = plots.handovers(drawn, _INDEX.d_min)
     return Result(figure, measured, claims.handover_claims(runs, _INDEX.d_min))
 

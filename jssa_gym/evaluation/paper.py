@@ -20,13 +20,13 @@ from jssa_gym.types import Trace
 class Measures:
     """The six columns of Table 1; None where the paper gives no number, or where nothing was triggered."""
 
-    min_distance: float
+    min_distance: float | None
     """Smallest robot-human surface distance [m]."""
     first_trigger: float | None
     """Beginning of the first step that the filter changed [s]."""
     last_trigger: float | None
     """Beginning of the last one [s]."""
-    active_duration: float
+    active_duration: float | None
     """Time of all steps that the filter changed [s]."""
     mean_speed: float | None
     """Mean critical velocity [m/s]. The paper does not define it: here the mean, over all steps of the episode, of
@@ -78,6 +78,9 @@ FIG6_ROBOT_LINK = 5
 
 FIG8 = Measures(0.360, None, None, 0.872, None, None)
 """SSA with λ₁ = 3 on the same person: section 4.3, Fig. 8."""
+
+FIG10 = Measures(None, 4.392, None, None, None, None)
+"""Handover: section 4.4, Fig. 10; triggered when the hand begins to move."""
 
 GRID = (6.0, 7.0, 8.0)
 """Values of λ₁ and of λ₂ in Table 1."""
