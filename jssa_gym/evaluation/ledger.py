@@ -24,6 +24,7 @@ _TELLING = (
     "evaluation/benchmark.py",
     "evaluation/claims.py",
     "evaluation/handover.py",
+    "evaluation/index_claims.py",
     "evaluation/paper.py",
     "evaluation/reproduction.py",
     "evaluation/statistics.py",
