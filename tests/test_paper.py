@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jssa_gym.cli import main
-from jssa_gym.evaluation import claims, paper, reproduction
+from jssa_gym.evaluation import claims, index_claims, paper, reproduction
 from jssa_gym.evaluation.claims import Claim, Verdict
 from jssa_gym.evaluation.paper import Measures
 from jssa_gym.evaluation.reproduction import SHIELDS
@@ -170,7 +170,7 @@ def test_the_fastest_approach_is_the_one_that_just_stops(lambdas):
 
 
 def test_the_portraits_say_what_the_paper_says():
-    found = claims.portrait_claims(PAPERS) + claims.shift_claims(PAPERS, 5.0, 3.0)
+    found = index_claims.portrait_claims(PAPERS) + index_claims.shift_claims(PAPERS, 5.0, 3.0)
     assert len(found) == 4
     assert all(claim.reproduced for claim in found)
 

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
-from jssa_gym.evaluation import claims, paper, reproduction
+from jssa_gym.evaluation import claims, index_claims, paper, reproduction
 from jssa_gym.evaluation.claims import PAPER, Claim, Grid
 from jssa_gym.evaluation.paper import COLUMNS, Measures
 from jssa_gym.evaluation.reproduction import SHIELDS, Advance
@@ -45,13 +45,13 @@ class Result:
 def _fig3(done: Advance) -> Result:
     figure = plots.portraits(_INDEX)
     done()
-    return Result(figure, {}, claims.portrait_claims(_INDEX))
+    return Result(figure, {}, index_claims.portrait_claims(_INDEX))
 
 
 def _fig7(done: Advance) -> Result:
     figure = plots.shifts(_INDEX, **_MORE)
     done()
-    return Result(figure, {}, claims.shift_claims(_INDEX, **_MORE))
+    return Result(figure, {}, index_claims.shift_claims(_INDEX, **_MORE))
 
 
 def _fig6(done: Advance) -> Result:

@@ -24,6 +24,7 @@ _TELLING = (
     "evaluation/claims.py",
     "evaluation/handover.py",
     "evaluation/html.py",
+    "evaluation/index_claims.py",
     "evaluation/leaderboard.py",
     "evaluation/paper.py",
     "evaluation/report.py",
