@@ -70,15 +70,25 @@ def test_the_tool_is_where_mujoco_has_it(wandering, robot):
         np.testing.assert_allclose(tip[k], data.site("tcp").xpos + robot.mount, atol=1e-12)
 
 
-def test_stops_are_those_that_are_driven_tick_by_tick(wandering, robot):
+@pytest.mark.parametrize("fast", [False, True])
+def test_stops_are_those_that_are_driven_tick_by_tick(wandering, robot, fast):
+    if fast:
+        # so fast that the braking acceleration has to be held
+        rng, limits = np.random.default_rng(0), robot.limits
+        velocity, acceleration = (
+            rng.uniform(-1.0, 1.0, (350, 6)) * limit for limit in (limits.velocity, 0.5 * limits.acceleration)
+        )
+        wandering = replace(wandering, velocity=velocity, acceleration=acceleration)
     seen, moves = geometry(wandering, robot), velocities(wandering)
     limits, planes = robot.limits, Planes(np.zeros((0, 3)), np.zeros(0), ())
     bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
     plan, jerk, advanced = records(robot.n, STOP), np.zeros(robot.n), 0
+    held = 0
     for k in range(0, 350, 10):
         q, v, a = (np.array(x[k]) for x in (wandering.position, wandering.velocity, wandering.acceleration))
         near = measure(robot, JointState(q, v, a), people(wandering, k, *moves), planes)
         count = plan_stop(np.array([q, v, a]), bounds, DT, plan)
+        held += int(plan["hold"].max() > 0)
         assert seen.stop_time[k] == pytest.approx(count * DT)
         row = near.pair[0]
         here = capsule(robot, q, row)
@@ -99,6 +109,7 @@ def test_stops_are_those_that_are_driven_tick_by_tick(wandering, robot):
         assert seen.stop_advance[k] == pytest.approx(max(moved @ (on_human - on_robot) / gap, 0.0), abs=1e-9)
         advanced += seen.stop_advance[k] > 0.01
     assert advanced > 3
+    assert held > 20 or not fast
 
 
 def capsule(robot, q, row):

@@ -71,22 +71,22 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
     state[1:, 0], state[1:, 1], state[1:, 2] = trace.position, trace.velocity, trace.acceleration
     bounds = np.array([*robot.limits.position.T, robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk])
     half_spaces = plane_records(Planes(trace.plane_normal, trace.plane_offset, trace.plane_names))
-    frames, segments = records((count, n), FRAME), records((count, m), SEGMENT)
+    frames, segments = records(n, FRAME), records((count, m), SEGMENT)
     pairs, plane_pairs = records((count, m, k), PAIR), records((count, m, len(half_spaces)), PAIR)
     own, plans = np.full((count, len(robot.self_pairs)), np.inf), records((count, n), STOP)
     out, parts, index, tool, tip = np.zeros(13), np.zeros(1), TRUTH.kernel(), np.zeros((2, 3)), np.empty((count + 1, 3))
     near, ticks = np.zeros((count, 2), np.int64), np.zeros(count)
-    forward(robot.links, state[0], spare := records(n, FRAME))
-    tool_motion(spare, robot.tool_link, robot.tool_offset, tool)
+    forward(robot.links, state[0], frames)
+    tool_motion(frames, robot.tool_link, robot.tool_offset, tool)
     tip[0] = tool[0]
     for t in range(count):
         arm, now = segments[t], state[t + 1]
         near[t] = observe(
-            robot.links, robot.capsules, now, agents[t], index, frames[t], arm, pairs[t], out, parts
+            robot.links, robot.capsules, now, agents[t], index, frames, arm, pairs[t], out, parts
         )  # fmt: skip
         measure_planes(arm, half_spaces, plane_pairs[t])
         measure_self(arm, robot.self_pairs, own[t])
-        tool_motion(frames[t], robot.tool_link, robot.tool_offset, tool)
+        tool_motion(frames, robot.tool_link, robot.tool_offset, tool)
         tip[t + 1] = tool[0]
         ticks[t] = plan_stop(now, bounds, trace.dt, plans[t])
     approach, human_approach, advance = _closing(trace, robot, state[1:], segments, agents, pairs, near, plans)
@@ -98,7 +98,7 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
         human_approach,
         ticks * trace.dt,
         advance,
-        _touches(robot, frames, segments, agents, pairs),
+        _touches(segments, agents, pairs),
     )
 
 
@@ -170,14 +170,12 @@ def _stopped(state: Array, plans: NDArray, dt: float) -> Array:
     return np.ascontiguousarray(np.stack([q, np.zeros_like(q), np.zeros_like(q)], axis=1))
 
 
-def _touches(robot: RobotModel, frames: NDArray, segments: NDArray, agents: NDArray, pairs: NDArray) -> Touches:
+def _touches(segments: NDArray, agents: NDArray, pairs: NDArray) -> Touches:
     step, i, j = np.nonzero(~(pairs["distance"] > 0.0))
     pair, arm, person = pairs[step, i, j], segments[step, i], agents[step, j]
-    point = _along(arm["start"], arm["end"], pair["s"])
-    normal = _unit(_along(person["start"], person["end"], pair["r"]) - point)
-    frame = frames[step, robot.capsules["link"][i]]
-    surface = point + arm["radius"][:, None] * normal - frame["origin"]
-    velocity = frame["velocity"] + np.cross(frame["omega"], surface)
+    normal = _unit(_along(person["start"], person["end"], pair["r"]) - _along(arm["start"], arm["end"], pair["s"]))
+    # along the normal a surface point moves as the axis point below it does, spinning or not
+    velocity = _along(arm["start_velocity"], arm["end_velocity"], pair["s"])
     human_velocity = _along(person["start_velocity"], person["end_velocity"], pair["r"])
     # where the axes cross there is no normal: all of the speed counts
     crossing = ~normal.any(axis=1)
