@@ -735,7 +735,7 @@ INVALID_OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize("options", INVALID_OPTIONS, ids=str)
+@pytest.mark.parametrize("options", INVALID_OPTIONS, ids=[str(k) for k in range(len(INVALID_OPTIONS))])
 def test_an_invalid_option_is_refused_before_anything_changes(options):
     env, twin = (ArmEnv("reach", human="random", terminate_on=()) for _ in range(2))
     actions = random_actions(env, 40, seed=5)
