@@ -1,9 +1,10 @@
 """What a shield costs in a handover: how often the tool arrives, and when.
 
-A policy that moves the tool centre point straight towards the goal, under shields that let the arm touch the hand at
-rest only or at some speed, and none. Paired: the same seeds, hence people, for all.
+A policy that moves the tool centre point straight towards the goal, or the jerk-bounded position controller, under shields
+that let the arm touch the hand at rest only or at some speed, and none. Paired: the same seeds, hence people, for all.
 
     python benchmarks/handover.py --episodes 40
+    python benchmarks/handover.py --episodes 40 --policy jpc --only none "(1, 0.1)"
 """
 
 import argparse
@@ -55,10 +56,12 @@ def shields():
         yield f"λ (1, 0.1), contact 0.25, d_min {d_min:g}", lambda env, o=options: jssa_gym.JSSAShield(env, **o)
 
 
-def play(env, seed, steps):
+POLICIES = {"straight": StraightPolicy, "jpc": lambda env: jssa_gym.JPCPolicy(env, seed=0)}
+
+
+def play(env, policy, seed, steps):
     """Time of success [s] or None, smallest distance [m], largest speed of a contact [m/s], share of interventions,
     and the smallest way left [m]."""
-    policy = StraightPolicy(env)
     observation, info = env.reset(seed=seed)
     nearest, fastest, touched, left = info["distance"], 0.0, 0, np.inf
     for k in range(steps):
@@ -75,6 +78,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--episodes", type=int, default=40)
     parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("--policy", choices=POLICIES, default="straight")
+    parser.add_argument("--only", nargs="*", default=[""], help="shields whose name contains one of these")
     parser.add_argument("--stay", type=float, help="how long the hand is held out [s]; the task's own without")
     arguments = parser.parse_args()
     steps = round(arguments.seconds / 0.008)
@@ -83,9 +88,12 @@ def main():
         "  intervened  left [m]"
     )
     for name, wrap in shields():
+        if not any(word in name for word in arguments.only):
+            continue
         human = None if arguments.stay is None else Receive(stay=(arguments.stay, arguments.stay))
         env = wrap(gym.make("jssa_gym/Handover-v0", human=human, terminate_on=(), max_episode_steps=steps + 1))
-        seen = [play(env, seed, steps) for seed in range(arguments.episodes)]
+        policy = POLICIES[arguments.policy](env)
+        seen = [play(env, policy, seed, steps) for seed in range(arguments.episodes)]
         times = sorted(arguments.seconds if time is None else time for time, *_ in seen)
         won = sum(time is not None for time, *_ in seen)
         print(
