@@ -1,7 +1,7 @@
 """What a shield costs in a handover: how often the tool arrives, and when.
 
-A policy that moves the tool centre point straight towards the goal, or the jerk-bounded position controller, under shields
-that let the arm touch the hand at rest only or at some speed, and none. Paired: the same seeds, hence people, for all.
+A policy that moves the tool centre point straight towards the goal, or the jerk-bounded position controller, under
+shields that let the arm touch the hand at rest only or at some speed, and none. Paired: the same seeds, hence people.
 
     python benchmarks/handover.py --episodes 40
     python benchmarks/handover.py --episodes 40 --policy jpc --only none "(1, 0.1)"

@@ -178,10 +178,27 @@ def test_it_follows_a_goal_that_moves():
 
 
 def test_an_unreachable_goal_leaves_the_arm_at_rest(robot, caplog):
+    caplog.set_level("INFO", logger="jssa_gym")
     env = gym.make("jssa_gym/Reach-v0", human="none", terminate_on=())
     _, states = drive(env, JPCPolicy(env, 0), 300, options={"goal": [3.0, 0.0, 1.0]})
     np.testing.assert_array_equal(states[-1, 0], robot.home)
     assert "no posture" in caplog.text
+
+
+def test_a_goal_that_comes_within_reach_is_not_kept_waiting():
+    env = jssa_gym.ArmEnv("handover", terminate_on=())
+    policy = JPCPolicy(env, 0, host_delay=0.0)
+    observation, _ = env.reset(seed=3)
+    reachable, began = None, None
+    for k in range(1000):
+        if reachable is None and env.goal[2] > 0.95 and np.linalg.norm(env.goal - [0.0, 0.0, 1.2]) < 0.9:
+            reachable = k
+        observation, *_ = env.step(policy(observation))
+        if began is None and np.abs(env.scene.robot.velocity).max() > 0.0:
+            began = k
+    assert reachable > 20, "the hand begins at rest, below the table's height"
+    # what was asked before and refused would be asked again after seconds
+    assert began - reachable < 25
 
 
 def test_an_episode_begins_anew():

@@ -80,6 +80,7 @@ class JPCPolicy:
         self._goal = np.zeros(0)
         self._seen = self.jpc.request
         self._due: list[tuple[int, Request, Array]] = []
+        self._refused = False  # whether the host found no plan to the goal
         self._tick = 0
         self._share, self._met, self._done = 1.0, 0, True
 
@@ -91,7 +92,7 @@ class JPCPolicy:
         self._time = scene.time
         goal = getattr(self._env.unwrapped, "goal", self._robot.home)
         if goal.shape != self._goal.shape or self._has_moved(goal):
-            self._goal = np.array(goal, float)
+            self._goal, self._refused = np.array(goal, float), False
             self.jpc.assign()
         if self._due:
             self._answer(scene.planes)
@@ -128,9 +129,9 @@ class JPCPolicy:
     def _has_moved(self, goal: Array) -> bool:
         if not self._tip:
             return not np.array_equal(goal, self._goal)
-        # one replan at a time, or a goal that never stops would make every answer void
+        # one replan at a time, or a goal that never stops would make every answer void; a refusal is none
         pending = self.jpc.request is not None and self.jpc.phase is not Phase.IDLE
-        return not pending and bool(np.abs(goal - self._goal).max() > self._tolerance)
+        return (self._refused or not pending) and bool(np.abs(goal - self._goal).max() > self._tolerance)
 
     def _answer(self, planes: Any) -> None:
         """Hand over what the host has finished by now; it need not have worked on what is void."""
@@ -138,7 +139,9 @@ class JPCPolicy:
         self._due = [entry for entry in self._due if entry[0] > self._tick]
         for _, request, goal in due:
             if self.jpc.request is not None and request.number == self.jpc.request.number:
-                self.jpc.deliver(request.number, self._plan(request, goal, planes))
+                plan = self._plan(request, goal, planes)
+                self._refused = plan is None
+                self.jpc.deliver(request.number, plan)
 
     def _plan(self, request: Request, goal: Array, planes: Any) -> Plan | None:
         """The host: a plan from the requested state through what is left of the task; None if there is none."""
@@ -150,7 +153,7 @@ class JPCPolicy:
                 return self._to_posture(state, goal, planes)
             return self._through(state, goal[min(request.met, len(goal) - 1) :], planes)
         except (InfeasibleError, UnreachableError, ParameterError) as error:
-            _logger.warning("no plan: %s", error)
+            _logger.info("no plan: %s", error)
             return None
 
     def _to_point(self, state: JointState, point: Array, planes: Any) -> Plan:
