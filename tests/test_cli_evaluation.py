@@ -85,6 +85,9 @@ def test_compare_writes_a_page_with_its_own_command(folder, capsys):
     words = shlex.split(line.split("</code>")[0])
     assert words[words.index("--filters") + 1 : words.index("--humans")] == ["jssa+stop", "none"]
     assert float(words[words.index("--seconds") + 1]) == 1.6
+    words = shlex.split(Compare(seed=12_345_678, seconds=1.2345678)._command())
+    assert words[words.index("--seed") + 1] == "12345678"
+    assert float(words[words.index("--seconds") + 1]) == 1.2345678
     again = Compare(filters=("jssa+stop", "none"), humans=("pursuit",), episodes=2, seconds=1.6, out=folder, json=True)
     again.run()
     best, other = json.loads(capsys.readouterr().out)

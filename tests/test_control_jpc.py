@@ -294,6 +294,74 @@ def test_pushed_from_the_goal_it_returns():
     np.testing.assert_allclose(arm.state[0], GOAL, atol=1e-6)
 
 
+def test_pushed_from_a_goal_that_it_began_at_it_returns():
+    arm = Arm()
+    arm.jpc.assign()
+    arm.until(Phase.WAITING)
+    for _ in range(5):
+        arm.host(HOME)
+        arm.step()
+    assert arm.jpc.phase is Phase.IDLE
+    arm.push(6)
+    assert np.abs(arm.state[0] - HOME).max() > 1e-4
+    for _ in range(300):
+        arm.host(HOME)
+        arm.step()
+    assert arm.jpc.phase is Phase.IDLE
+    np.testing.assert_allclose(arm.state[0], HOME, atol=1e-6)
+
+
+def test_a_withdrawn_task_is_not_resumed():
+    arm = Arm()
+    arm.jpc.assign()
+    arm.until(Phase.TRACKING)
+    arm.until(Phase.IDLE)
+    arm.jpc.withdraw()
+    asked = len(arm.asked)
+    arm.push(6)
+    for _ in range(100):
+        arm.step()
+    assert arm.jpc.phase is Phase.IDLE
+    assert len(arm.asked) == asked
+
+
+@pytest.mark.parametrize("rates", [(8e-6, 0.0), (8e-6, 8e-4), (0.0, -8e-4)])
+@pytest.mark.parametrize("phase", [Phase.IDLE, Phase.WAITING])
+def test_what_creeps_is_stopped_and_the_task_goes_on(phase, rates):
+    """Less than interference in a single tick, but a plan from rest cannot begin in it."""
+    arm = Arm()
+    arm.step()
+    if phase is Phase.WAITING:
+        arm.jpc.assign()
+        arm.step()
+    assert arm.jpc.phase is phase
+    for _ in range(5):
+        arm.state[1:] += np.array(rates)[:, None]
+        arm.step()
+    for _ in range(400):  # no answer meanwhile
+        arm.step()
+    assert np.abs(arm.state[1:]).max() < 1e-5
+    arm.jpc.assign()
+    asked = len(arm.asked)
+    arm.until(Phase.WAITING, host=False)
+    arm.until(Phase.TRACKING)
+    arm.until(Phase.IDLE)
+    assert len(arm.asked) == asked + 1
+    np.testing.assert_allclose(arm.state[0], GOAL, atol=2e-5)
+
+
+def test_numbers_that_are_none_are_answered_with_rest_and_forgotten():
+    arm = Arm()
+    arm.jpc.assign()
+    arm.until(Phase.TRACKING)
+    for _ in range(3):
+        np.testing.assert_array_equal(arm.jpc.step(np.full((3, 6), np.nan)), 0.0)
+    assert arm.jpc.phase is Phase.YIELDING
+    arm.until(Phase.TRACKING)
+    arm.until(Phase.IDLE)
+    np.testing.assert_allclose(arm.state[0], GOAL, atol=1e-6)
+
+
 def test_a_withdrawn_task_ends_where_the_arm_is():
     arm = Arm()
     arm.jpc.assign()

@@ -7,11 +7,12 @@ import scipy.optimize
 import scipy.sparse
 from test_control_plan import DT, assert_kept, one_joint, played, rest
 
-from jssa_gym.control import plan_approach, plan_brake, plan_move
-from jssa_gym.control.inverse import clearance, postures_for, tip_of, way_is_clear
+from jssa_gym.control import moves, plan_approach, plan_brake, plan_move
+from jssa_gym.control.inverse import postures_for, way_is_clear
 from jssa_gym.control.moves import fewest_ticks
 from jssa_gym.envs import ArmEnv
 from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
+from jssa_gym.safety.postures import clearances, tool_point
 from jssa_gym.types import JointState, Planes
 
 TABLE = Planes(np.array([[0.0, 0.0, 1.0]]), np.array([0.87]), ("table",))
@@ -114,6 +115,43 @@ def test_an_approach_may_begin_in_motion(robot):
         assert_kept(plan, state, new[None], limits, len(plan))
 
 
+def test_an_approach_from_any_state_that_can_be_stopped(robot):
+    """A stop and a move are its last resort: it neither gives up nor takes longer than these."""
+    rng, limits = np.random.default_rng(1), robot.limits
+    low, high = limits.position.T
+    stopped = refused = 0
+    for _ in range(25):
+        rates = rng.uniform(-1.0, 1.0, (2, 6)) * rng.uniform(0.0, 0.7)
+        state = JointState(rng.uniform(low, high), rates[0] * limits.velocity, rates[1] * limits.acceleration)
+        goal, brake = rng.uniform(low, high), plan_brake(state, limits, DT)
+        if brake.keeps(limits):
+            plan = plan_approach(state, goal, limits, DT)
+            assert plan.keeps(limits)
+            assert plan.marks == (len(plan),)
+            assert len(plan) <= len(brake) + len(plan_move(brake.states[-1, 0], goal, limits, DT))
+            np.testing.assert_allclose(plan.states[-1], [goal, np.zeros(6), np.zeros(6)], atol=1e-6)
+            stopped += 1
+        elif np.any(np.abs(brake.states[-1, 0] - (low + high) / 2.0) > 0.51 * (high - low)):
+            with pytest.raises(InfeasibleError, match="keeps the limits"):
+                plan_approach(state, goal, limits, DT)
+            refused += 1
+    assert stopped > 3
+    assert refused > 3
+
+
+def test_an_approach_that_no_programme_makes_is_a_stop_and_a_move(robot, monkeypatch):
+    def fails(*args, **options):
+        raise InfeasibleError("none")
+
+    monkeypatch.setattr(moves, "plan_waypoints", fails)
+    rest = np.zeros(6)
+    state = JointState(np.array(robot.home), 0.3 * robot.limits.velocity, rest)
+    plan = plan_approach(state, robot.home, robot.limits, DT)
+    assert plan.keeps(robot.limits)
+    np.testing.assert_allclose(plan.states[-1], [robot.home, rest, rest], atol=1e-6)
+    assert plan.marks == (len(plan),)
+
+
 def test_plans_can_be_put_one_after_the_other(robot):
     one = plan_move(robot.home, np.array(robot.home) + 0.2, robot.limits, DT)
     two = plan_move(np.array(robot.home) + 0.2, robot.home, robot.limits, DT)
@@ -140,7 +178,7 @@ def test_the_tip_is_mujocos(robot):
     for _ in range(10):
         data.qpos[:] = rng.uniform(*robot.limits.position.T)
         mujoco.mj_kinematics(model, data)
-        np.testing.assert_allclose(tip_of(robot, data.qpos), data.site("tcp").xpos + robot.mount, atol=1e-9)
+        np.testing.assert_allclose(tool_point(robot, data.qpos), data.site("tcp").xpos + robot.mount, atol=1e-9)
 
 
 def test_every_reachable_point_is_reached_clear_of_table_and_arm(robot):
@@ -152,9 +190,9 @@ def test_every_reachable_point_is_reached_clear_of_table_and_arm(robot):
         times = [np.max(np.abs(p - robot.home) / robot.limits.velocity) for p in postures]
         assert times == sorted(times)
         for posture in postures:
-            assert np.linalg.norm(tip_of(robot, posture) - env.goal) <= 1e-5
+            assert np.linalg.norm(tool_point(robot, posture) - env.goal) <= 1e-5
             assert np.all((low <= posture) & (posture <= high))
-            assert clearance(robot, posture, TABLE) >= 0.01
+            assert min(clearances(robot, posture, TABLE)) >= 0.01
 
 
 def test_a_seed_fixes_the_postures(robot):
@@ -181,7 +219,7 @@ def test_a_way_through_a_wall_is_seen(robot):
     left, right = home.copy(), home.copy()
     left[0], right[0] = 2.9, -2.9
     for posture in (home, left, right):
-        assert clearance(robot, posture, wall) > 0.02
+        assert min(clearances(robot, posture, wall)) > 0.02
     assert way_is_clear(robot, home, left, wall, 0.01)
     assert not way_is_clear(robot, home, right, wall, 0.01)
 
@@ -193,7 +231,7 @@ def test_a_way_is_as_clear_as_it_looks(robot):
     for _ in range(40):
         one = np.array(robot.home)
         two = rng.uniform(low, high)
-        least = min(clearance(robot, one + s * (two - one), TABLE) for s in np.linspace(0.0, 1.0, 400))
+        least = min(min(clearances(robot, one + s * (two - one), TABLE)) for s in np.linspace(0.0, 1.0, 400))
         clear = way_is_clear(robot, one, two, TABLE, 0.01)
         assert clear == (least >= 0.01) or abs(least - 0.01) < 0.01
         blocked += not clear

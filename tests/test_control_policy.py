@@ -11,12 +11,12 @@ from gymnasium.utils.env_checker import check_env
 
 import jssa_gym
 from jssa_gym.control import Phase
-from jssa_gym.control.inverse import tip_of
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.tasks import Home, Reach
 from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.humans import ApproachRetreat
 from jssa_gym.policies import POLICIES, JPCPolicy
+from jssa_gym.safety.postures import tool_point
 from jssa_gym.types import Status
 from jssa_gym.validation import real_array
 
@@ -171,7 +171,7 @@ def test_it_follows_a_goal_that_moves():
     for _ in range(600):
         observation, *_, info = env.step(policy(observation))
         assert not info["limit_violation"]
-        gaps.append(np.linalg.norm(tip_of(env.robot, env.scene.robot.position) - env.goal))
+        gaps.append(np.linalg.norm(tool_point(env.robot, env.scene.robot.position) - env.goal))
     assert gaps[-1] <= 0.011 * np.sqrt(3.0)
     # on its way it is behind by what the goal makes in the time of a replan, not by all of it
     assert np.max(gaps[200:375]) < 0.12

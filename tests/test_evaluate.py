@@ -25,6 +25,7 @@ from jssa_gym.evaluation import (
     RecordSafety,
     Report,
     Study,
+    bootstrap_interval,
     load_trace,
     make_policy,
     mean_difference,
@@ -98,6 +99,18 @@ def test_episodes_without_a_value_are_left_out_of_a_mean():
     for wrong in ([], [1.0, 2.0], np.zeros((0, 3))):
         with pytest.raises(ParameterError, match="shape"):
             means(wrong)
+
+
+def test_a_large_sample_is_resampled_in_parts(monkeypatch):
+    values = np.random.default_rng(0).normal(size=(50, 2))
+    whole = means(values, 3)
+    monkeypatch.setattr("jssa_gym.evaluation.statistics._LARGEST", 50 * 7)
+    assert [dataclasses.astuple(one) for one in means(values, 3)] == [
+        pytest.approx(dataclasses.astuple(one), rel=1e-12) for one in whole
+    ]
+    for function in (means, lambda x, **k: bootstrap_interval(x, np.mean, 0, **k)):
+        with pytest.raises(ParameterError, match="resamples"):
+            function(values, resamples=0)
 
 
 def test_differences_are_paired():
@@ -265,11 +278,17 @@ def test_environments_in_all_their_forms(env):
         ((picklable.environment, 3), "a policy is"),
         ((picklable.environment, "hold", 0), "episodes"),
         ((picklable.environment, "hold", 1, -1), "seed"),
+        ((picklable.environment, "hold", 1, 0, {"filter": "nope"}), "unknown filter 'nope'"),
+        ((picklable.environment, "hold", 1, 0, {"separation": 1.6}), "separation"),
+        ((picklable.environment, "hold", 1, 0, {"keep": -1}), "keep"),
+        (("jssa_gym/Reach-v0", "hold", 1, 0, {"env_kwargs": ["human"]}), "env_kwargs"),
     ],
 )
-def test_an_evaluation_that_cannot_be(arguments, word):
+def test_an_evaluation_that_cannot_be(tmp_path, arguments, word):
+    *arguments, options = arguments if isinstance(arguments[-1], dict) else (*arguments, {})
     with pytest.raises(ParameterError, match=word):
-        jssa_gym.evaluate(*arguments)
+        jssa_gym.evaluate(*arguments, **options, out=tmp_path / "x")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_cannot_be_sent_or_told_again_is_refused_before_anything_is_played(tmp_path):
@@ -370,7 +389,7 @@ def test_a_killed_study_goes_on(finished, tmp_path):
 def test_a_table_holds_every_kind_of_value(finished, tmp_path):
     episode = finished[1][0].episodes[0]
     summary = dataclasses.replace(episode.summary, time_to_goal=None, min_distance=np.inf, name='a, "b"', success=True)
-    odd = dataclasses.replace(episode, summary=summary)
+    odd = dataclasses.replace(episode, summary=summary, seed=7)
     ledger = Ledger(tmp_path, TINY, Scored, "1")
     ledger.append([odd, episode])
     assert Ledger(tmp_path, TINY, Scored, "1").episodes == [odd, episode]
@@ -378,6 +397,67 @@ def test_a_table_holds_every_kind_of_value(finished, tmp_path):
         file.write("reach,none\n")
     with pytest.raises(ParameterError, match="cells for"):
         Ledger(tmp_path, TINY, Scored, "1")
+
+
+def test_two_writers_are_told_and_nothing_is_counted_twice(finished, tmp_path):
+    first, second = finished[1][0].episodes[:2]
+    one, other = (Ledger(tmp_path, TINY, Scored, "1") for _ in range(2))
+    one.append([first])
+    with pytest.raises(ParameterError, match="another process"):
+        other.append([first])
+    one.append([second])
+    assert Ledger(tmp_path, TINY, Scored, "1").episodes == [first, second]
+    # as an earlier version let two processes leave it
+    lines = one.table.read_bytes().splitlines(keepends=True)
+    one.table.write_bytes(b"".join([*lines, lines[-1]]))
+    with pytest.raises(ParameterError, match="twice"):
+        Ledger(tmp_path, TINY, Scored, "1")
+    one.table.write_bytes(lines[0])
+    stranger = Ledger(tmp_path, TINY, Scored, "1")
+    stranger.append([dataclasses.replace(first, seed=99)])
+    with pytest.raises(ParameterError, match="not planned"):
+        Ledger(tmp_path, TINY, Scored, "1")
+
+
+@pytest.mark.parametrize("line", [b"\xff\xfe,1\n", b"x" * 200_000 + b"\n"])
+def test_a_table_that_is_no_text_is_refused(finished, tmp_path, line):
+    ledger = Ledger(tmp_path, TINY, Scored, "1")
+    ledger.append(finished[1][0].episodes[:1])
+    with ledger.table.open("ab") as file:
+        file.write(line)
+    with pytest.raises(ParameterError, match="no episode"):
+        Ledger(tmp_path, TINY, Scored, "1")
+
+
+def test_a_folder_without_episodes_is_anybodys(finished, tmp_path):
+    Ledger(tmp_path, TINY, Scored, "1")
+    other = dataclasses.replace(TINY, seed=6)
+    ledger = Ledger(tmp_path, other, Scored, "1")
+    assert json.loads((tmp_path / "campaign.json").read_text())["seed"] == 6
+    ledger.append([dataclasses.replace(finished[1][0].episodes[0], seed=6)])
+    with pytest.raises(ParameterError, match="other seed"):
+        Ledger(tmp_path, TINY, Scored, "1")
+
+
+def test_a_policy_whose_code_changed_does_not_continue_a_folder(tmp_path, monkeypatch):
+    module = tmp_path / "changing.py"
+    monkeypatch.syspath_prepend(tmp_path)
+    source = "def still(env, seed):\n    return act\n\n\ndef act(observation):\n    return [{}] * 6\n"
+    study = dataclasses.replace(TINY, policies=("wander",), filters=("none",), tasks=("reach",), episodes=1, steps=5)
+    assert study.config()["code"] == {}
+    module.write_text(source.format(0.0))
+    study = dataclasses.replace(study, policies=("changing:still",))
+    complete(study, tmp_path / "study", keep=0)
+    complete(study, tmp_path / "study", keep=0)
+    act = sys.modules["changing"].act
+    for policy in ("changing:still", act):
+        jssa_gym.evaluate(picklable.environment, policy, 1, steps=5, out=tmp_path / f"{policy}", keep=0)
+    module.write_text(source.format(0.5))
+    with pytest.raises(ParameterError, match="other code"):
+        complete(study, tmp_path / "study", keep=0)
+    for policy in ("changing:still", act):
+        with pytest.raises(ParameterError, match="other code"):
+            jssa_gym.evaluate(picklable.environment, policy, 1, steps=5, out=tmp_path / f"{policy}", keep=0)
 
 
 def test_a_chunk_is_a_chunk_whoever_plays_it(tmp_path):

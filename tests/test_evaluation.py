@@ -152,6 +152,19 @@ def test_a_contact_at_rest_is_a_collision_that_is_not_moving():
     assert not summary.moving_contact
 
 
+def test_what_is_no_number_is_not_safe():
+    trace = tiny(contact=np.zeros(6, bool), contact_speed=np.zeros(6), limit_violation=np.zeros(6, bool), d_min=0.01)
+    assert not summarise(dataclasses.replace(trace, distance=np.ones(6)), LIMITS).collision
+    unknown = np.where(np.arange(6) == 2, np.nan, 1.0)
+    summary = summarise(dataclasses.replace(trace, distance=unknown), LIMITS)
+    assert (summary.collision, summary.collision_steps, summary.n_collision_events) == (True, 1, 1)
+    assert summary.success
+    assert not summary.success_and_safe
+    touched = dataclasses.replace(trace, distance=np.zeros(6), contact=np.ones(6, bool), contact_speed=0.0 * unknown)
+    summary = summarise(touched, LIMITS)
+    assert (summary.moving_contact, summary.n_collisions_critical) == (True, 1)
+
+
 def test_a_summary_without_human_shield_or_intervention():
     nothing = np.zeros(6, bool)
     summary = summarise(

@@ -186,6 +186,9 @@ def test_faults_are_those_that_mujoco_finds(request, robot, which, speed, fault)
     assert counted == {who: int(who == fault) for who in counted}
     assert summary.n_collision_events == 1
     assert summary.n_collisions_critical == int(fault != "human")
+    # the commanded arm's touching points say nothing of a servoed one's contacts
+    servoed = summarise(replace(trace, dynamics="servo"), robot.limits, geometry(trace, robot))
+    assert {getattr(servoed, f"n_collisions_{who}_fault") for who in counted} == {None}
     # whoever calls more speed safe finds the arm less at fault
     lenient = summarise(trace, robot.limits, geometry(trace, robot), v_safe=5.0)
     assert (lenient.n_collisions_human_fault, lenient.n_collisions_noncritical) == (1, 1)

@@ -1,5 +1,6 @@
 """The paper's claims as tests: which come out here, and which do not; the machinery that says so."""
 
+import dataclasses
 import json
 import sys
 
@@ -8,10 +9,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jssa_gym.cli import main
-from jssa_gym.evaluation import claims, index_claims, paper, reproduction
+from jssa_gym.evaluation import claims, handover_claims, index_claims, paper, reproduction
 from jssa_gym.evaluation.claims import Claim, Verdict
+from jssa_gym.evaluation.handover import BEGIN, Delivery
 from jssa_gym.evaluation.paper import Measures
 from jssa_gym.evaluation.reproduction import SHIELDS
+from jssa_gym.exceptions import RecordingError
 from jssa_gym.safety.condition import fastest_approach
 from jssa_gym.safety.index import IndexParams
 
@@ -62,6 +65,14 @@ def test_the_stand_in_walks_as_fast_as_people_do():
         np.testing.assert_allclose(roots[step], (x, y), atol=1.6 * 0.008)
 
 
+@pytest.mark.parametrize(
+    "table", ["abc", [], [(0.0, 1.0)], [(0.0, 1.0, 1.0)], [(0.0, 1.0, 1.0), (0.0, 1.1, 1.0)], [(0.0, 1.0), (1.0,)]]
+)
+def test_a_walk_along_no_table_is_an_error(table):
+    with pytest.raises(RecordingError):
+        paper.walk(table)
+
+
 # ---- Fig. 6 ------------------------------------------------------------------------------------------
 
 
@@ -73,6 +84,11 @@ def test_fig_6_comes_out_but_for_the_size_of_the_jerk(avoidance):
     found = claims.avoidance_claims(traces, limits, PAPERS.d_min)
     assert {text for text, held in holds(found, PUBLISHED).items() if not held} == {
         "the jerk stays within about 2000 °/s³"
+    }
+    assert {claim.text for claim in found if claim.source == claims.ASKED} == {
+        "the jerk stays within about 2000 °/s³",
+        "the arm's critical link is the end effector",
+        "the person's are left arm, core, head, core (4-2-1-2)",
     }
     # the same with the exact row and with all layers
     for name in traces:
@@ -125,11 +141,17 @@ def test_the_ssa_saturates_more_but_comes_hardly_closer_and_acts_for_less():
     """
     traces, limits = reproduction.comparison()
     baseline = traces.pop("SSA")
-    held = holds(claims.comparison_claims(baseline, traces, limits), PUBLISHED)
-    assert held["SSA: the jerk saturates more often"]
-    assert not held["SSA: smaller minimum distance"]
+    found = claims.comparison_claims(baseline, traces, limits)
+    assert holds(found, PUBLISHED) == {
+        "SSA: smaller minimum distance": False,
+        "SSA: active for longer": False,
+        "SSA: the jerk saturates more often": True,
+        "SSA: the distance fluctuates more (mean |D̈|)": True,
+    }
     assert baseline.distance.min() < traces[PUBLISHED].distance.min()
-    assert not held["SSA: active for longer"]
+    assert holds(found, OURS)["SSA: smaller minimum distance"]
+    # nothing is smaller, longer or more than itself
+    assert not any(claim.reproduced for claim in claims.comparison_claims(baseline, {"": baseline}, limits))
 
 
 def test_ssa_is_closer_and_more_saturated_where_the_person_walks_faster():
@@ -185,11 +207,48 @@ def test_the_handover_yields_and_replans_but_does_not_arrive():
 
     run = deliver(JSSAShield.as_published, PUBLISHED, 450)
     bare = deliver(lambda env: env, "no shield", 600)
-    held = holds(claims.handover_claims({PUBLISHED: run, "no shield": bare}, 0.05), PUBLISHED)
-    assert list(held.values()) == [True, True, True, False]
+    found = handover_claims.handover_claims({PUBLISHED: run, "no shield": bare}, 0.05)
+    assert list(holds(found, PUBLISHED).values()) == [True, True, True, False]
+    # without a shield nothing yields, although the goal moves away from the arm
+    assert list(holds(found, "no shield").values()) == [False, False, False, True]
+    ahead = bare.error[bare.trace.time >= BEGIN]
+    assert (ahead - np.minimum.accumulate(ahead)).max() > 0.1
     assert run.replans.sum() > bare.replans.sum()
     assert bare.error[-1] < 0.01
     assert bare.trace.distance.min() < 0.05 < run.trace.distance.min()
+
+
+def delivery(avoidance, tip, goal, active, replans):
+    """A handover along the x axis."""
+    trace = avoidance[0][PUBLISHED]
+    along = np.zeros((2, len(trace.time), 3))
+    along[0, :, 0], along[1, :, 0] = tip, goal
+    return Delivery(dataclasses.replace(trace, intervened=active), *along, replans, avoidance[1])
+
+
+def test_only_the_arms_own_motion_counts_as_moving_away(avoidance):
+    time = avoidance[0][PUBLISHED].time
+    still, none = np.zeros(len(time)), np.zeros(len(time), bool)
+    back = np.where(time > 3.0, -0.05, 0.0)
+    before = np.where(time > 0.5, -0.05, 0.0)  # the delivery has not begun
+    for tip, goal, expected in (
+        (still, 1.0 + 0.1 * time, 0.0),
+        (back, still + 1.0, 0.05),
+        (before, still + 1.0, 0.0),
+        (back, 2.0 - 0.1 * time, 0.05),
+        (0.1 * time, still + 1.0, 0.0),
+    ):
+        assert handover_claims.retreat(delivery(avoidance, tip, goal, none, none)) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_replan_goes_along_with_activity_only_soon_after_it(avoidance):
+    count = len(avoidance[0][PUBLISHED].time)
+    active = np.arange(count) == 300
+    for steps, holding in ((0, True), (12, True), (13, False), (-1, False)):
+        run = delivery(avoidance, 0.0, 1.0, active, np.arange(count) == 300 + steps)
+        assert handover_claims.handover_claims({"": run}, 0.05)[1].reproduced == holding
+    run = delivery(avoidance, 0.0, 1.0, active, np.zeros(count, bool))
+    assert not handover_claims.handover_claims({"": run}, 0.05)[1].reproduced
 
 
 # ---- words and commands ------------------------------------------------------------------------------

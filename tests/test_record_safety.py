@@ -120,6 +120,8 @@ def test_what_it_cannot_record_is_refused():
         dt = 0.02
 
     env = RecordSafety(Bare(gym.make("CartPole-v1")))
+    env.env.task = "a name, not a task"
+    env = RecordSafety(env.env)
     env.reset(seed=0)
     with pytest.raises(InterfaceError, match="'success'"):
         env.step(0)

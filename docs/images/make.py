@@ -1,4 +1,4 @@
-"""Make the README's pictures anew: ``python docs/images/make.py`` (a few minutes; needs the extra ``plots``)."""
+"""Make the pictures of README and docs anew: ``python docs/images/make.py`` (minutes; needs the extra ``plots``)."""
 
 import subprocess
 import sys
@@ -17,6 +17,10 @@ def main() -> None:
         Path(folder, "profile.png").replace(HERE / "profile.png")
         with av.open(str(Path(folder, "side_by_side.mp4"))) as film:
             frames = [frame.to_image() for frame in film.decode(video=0)]
+    sweep = "certify --sweep --trigger 1.5 --states 1500 --jobs 2 --out"
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, "-m", "jssa_gym", *sweep.split(), folder], check=True)
+        Path(folder, "map.png").replace(HERE / "lambda_map.png")
     small = [frame.resize((960, round(960 * frame.height / frame.width)), Image.Resampling.LANCZOS) for frame in frames]
     # every second frame: 12.5 a second, the film's own speed
     small[0].save(HERE / "demo.webp", save_all=True, append_images=small[2::2], duration=80, loop=0, quality=70)

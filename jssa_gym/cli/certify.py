@@ -12,10 +12,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from jssa_gym import plots
-from jssa_gym.cli.files import write_json
+from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.evaluation import judge
 from jssa_gym.evaluation.counterexample import load_counterexample, play_on, save_counterexample
-from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import make_robot
 from jssa_gym.safety.boundary import KEPT, Domain
 from jssa_gym.safety.census import Part
@@ -32,7 +31,7 @@ class Certify:
     """Does some admissible jerk always keep the safety index, Eq. (7)? Sampled, then searched for worse.
 
     The exit code is 1 if a counter-example was found in the domain. What was interrupted goes on when the same command
-    is given again.
+    is given again; a map (--sweep) begins anew.
     """
 
     lambda1: float = _INDEX.lambda1
@@ -61,12 +60,14 @@ class Certify:
     """Domain: of the person, a sphere [m]."""
     viable: bool = True
     """Whether the jerk has to keep the joint limits recoverable, or only its own bounds."""
-    states: int = 100_000
-    """How many of each capsule; with --sweep of each capsule and pair, 5,000 unless given."""
+    states: int | None = None
+    """How many of each capsule, 100,000 unless given; with --sweep of each capsule and pair, 5,000."""
     seed: int = 0
     """Of the draws."""
     jobs: int = 1
     """How many threads; the result does not depend on it."""
+    search: bool = True
+    """Whether to search for worse than was drawn, which takes longer than 100,000 draws."""
     out: Path = Path("certificate")
     """Folder for counts, certificate, counter-examples and map."""
     sweep: bool = False
@@ -90,7 +91,8 @@ class Certify:
         if self.replay is not None:
             self._replay(self.replay)
             return
-        positive_integer("states", self.states)
+        if self.states is not None:
+            positive_integer("states", self.states)
         domain = Domain(
             self.tip_speed,
             self.human_speed,
@@ -117,10 +119,11 @@ class Certify:
                     index,
                     domain=domain,
                     capsules=self.capsules,
-                    states=self.states,
+                    states=100_000 if self.states is None else self.states,
                     seed=self.seed,
                     jobs=self.jobs,
                     folder=self.out,
+                    search=self.search,
                     progress=lambda count: progress.advance(task, count),
                 )
         except KeyboardInterrupt:
@@ -145,11 +148,7 @@ class Certify:
     def _sweep(self, domain: Domain) -> None:
         plots.require()
         robot, console = make_robot(self.robot), Console(stderr=True)
-        try:
-            self.out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ParameterError(f"cannot write to {self.out}: {error.strerror}") from error
-        states = 5_000 if self.states == Certify.states else self.states
+        writable_folder(self.out)
         with _progress(console, "pairs") as progress:
             task, total = progress.add_task("pairs", total=0), 0
 
@@ -167,15 +166,14 @@ class Certify:
                 trigger=self.trigger,
                 domain=domain,
                 capsules=self.capsules,
-                states=states,
+                states=5_000 if self.states is None else self.states,
                 seed=self.seed,
                 jobs=self.jobs,
                 progress=done,
             )
         write_json(self.out / "map.json", swept.plain())
         figure = plots.lambda_map(swept, {"asked about": (self.lambda1, self.lambda2), "the paper's": (3.0, 1.0)})
-        figure.savefig(self.out / "map.part.png", dpi=90)
-        (self.out / "map.part.png").replace(self.out / "map.png")
+        write_figure(self.out / "map.png", figure)
         if self.json:
             print(json.dumps(swept.plain(), indent=2))
         else:

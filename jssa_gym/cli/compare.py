@@ -76,7 +76,7 @@ class Compare:
         for name in ("tasks", "filters", "humans", "policies"):
             parts += [f"--{name}", *getattr(self, name)]
         for name in ("episodes", "seed", "seconds", "keep", "v_safe"):
-            parts += [f"--{name.replace('_', '-')}", f"{getattr(self, name):g}"]
+            parts += [f"--{name.replace('_', '-')}", str(getattr(self, name))]
         return shlex.join(parts)
 
 

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
-from jssa_gym.evaluation import claims, index_claims, paper, reproduction
+from jssa_gym.evaluation import claims, handover_claims, index_claims, paper, reproduction
 from jssa_gym.evaluation.claims import PAPER, Claim, Grid
 from jssa_gym.evaluation.paper import COLUMNS, Measures
 from jssa_gym.evaluation.reproduction import SHIELDS, Advance
@@ -76,7 +76,7 @@ def _fig10(done: Advance) -> Result:
     drawn = [plots.Tracking(run.trace, run.tip, run.goal, run.replans) for run in runs.values()]
     measured = {PAPER: paper.FIG10} | {name: paper.measures(run.trace, run.limits) for name, run in runs.items()}
     figure = plots.handovers(drawn, _INDEX.d_min)
-    return Result(figure, measured, claims.handover_claims(runs, _INDEX.d_min))
+    return Result(figure, measured, handover_claims.handover_claims(runs, _INDEX.d_min))
 
 
 def _table1(done: Advance) -> Result:

@@ -4,12 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import UnreachableError
-from jssa_gym.humans import nobody
 from jssa_gym.kernels.chain import forward, jacobian, tool_motion
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.proximity import measure
-from jssa_gym.types import Array, JointState, Planes
+from jssa_gym.safety.postures import clearances
+from jssa_gym.types import Array, Planes
 from jssa_gym.validation import real_array
 
 PRECISION = 1e-5
@@ -24,11 +23,6 @@ _STRIDE = 0.3
 
 _PULL = 0.1
 """Share of the way back to the present posture that every step takes where it does not move the tool."""
-
-
-def tip_of(robot: RobotModel, posture: ArrayLike) -> Array:
-    """Tool centre point of a posture (n,) [rad] in the world, shape (3,) [m]."""
-    return _tip_and_jacobian(robot, np.asarray(posture, float))[0]
 
 
 def _tip_and_jacobian(robot: RobotModel, posture: Array) -> tuple[Array, Array]:
@@ -69,19 +63,13 @@ def descend(robot: RobotModel, point: Array, seed: Array, near: Array, margin: f
     return None
 
 
-def clearance(robot: RobotModel, posture: Array, planes: Planes) -> float:
-    """Smallest distance of a posture to the half-spaces and of the arm to itself [m]."""
-    zero = np.zeros(robot.n)
-    near = measure(robot, JointState(posture, zero, zero), nobody(), planes)
-    return float(min(near.own.min(initial=np.inf), near.planes.min(initial=np.inf)))
-
-
 def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, clear: float) -> bool:
     """Whether the straight way in joint space, every 0.02 rad of it, stays clear or comes no closer than it starts."""
     count = max(2, int(np.ceil(np.abs(goal - start).max() / 0.02)) + 1)
-    least = min(clear, clearance(robot, start, planes))
+    least = min(clear, *clearances(robot, start, planes))
     return all(
-        clearance(robot, start + share * (goal - start), planes) >= least for share in np.linspace(1.0, 0.0, count)[:-1]
+        min(clearances(robot, start + share * (goal - start), planes)) >= least
+        for share in np.linspace(1.0, 0.0, count)[:-1]
     )
 
 
@@ -120,7 +108,7 @@ def postures_for(
         posture = descend(robot, target, seed, near, margin=1e-3)
         if posture is None or any(np.abs(posture - other).max() < 1e-2 for other in found):
             continue
-        if clearance(robot, posture, planes) >= clear:
+        if min(clearances(robot, posture, planes)) >= clear:
             found.append(posture)
     if not found:
         raise UnreachableError(

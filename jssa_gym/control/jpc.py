@@ -116,6 +116,7 @@ class JPC:
         self.met = 0
         self.open = False
         """Whether there is something left to do."""
+        self._task = False  # whether there is a task, done or not: what was reached has to be held
         self._tick = 0
         self._plan: Plan | None = None
         self._read = 0  # ticks of the plan that have been read
@@ -129,12 +130,14 @@ class JPC:
 
     def assign(self) -> None:
         """There is a new task: nothing of it is met, and plans that were asked for so far are void."""
-        self.open, self.met, self._current = True, 0, False
+        self._task = self.open = True
+        self.met, self._current = 0, False
         self.request, self._answer = None, None
 
     def withdraw(self) -> None:
         """There is no task any more; a plan that is being tracked goes on to its end."""
-        self.open, self._current = False, True
+        self._task = self.open = False
+        self._current = True
         self.request, self._answer = None, None
 
     def deliver(self, number: int, plan: Plan | None) -> bool:
@@ -189,14 +192,13 @@ class JPC:
     def _notice(self, state: Array) -> None:
         """Compare the state with what was commanded."""
         if self._expected is None:
-            self._expected = np.array([state[0], np.zeros_like(state[0]), np.zeros_like(state[0])])
+            self._expected = _at_rest(state)
         obeyed = bool(np.all(np.abs(state - self._expected) <= DISTURBED))
         self._obeyed = self._obeyed + 1 if obeyed else 0
         if self.phase is not Phase.YIELDING:
             if not obeyed:
                 self._on(Event.DISTURBED)
-                # whatever was met before has to be held
-                self.open = self.open or self.met > 0
+                self.open = self._task
                 self._plan, self.request, self._answer = None, None, None
         elif self._obeyed >= self.quiet:
             self._on(Event.QUIET)
@@ -219,12 +221,12 @@ class JPC:
     def _future(self, state: Array) -> tuple[Array, int]:
         """Where a plan that is asked for now has to begin, and at which tick the arm will be there."""
         if self.phase is Phase.WAITING or self._plan is None:
-            return np.array([state[0], np.zeros_like(state[0]), np.zeros_like(state[0])]), self._tick
+            return _at_rest(state if self._expected is None else self._expected), self._tick
         last = len(self._plan)
         at = last if self.phase is Phase.SETTLING else min(self._read + self._ahead, last)
         begin = self._plan.states[at]
         if at == last:  # at rest but for rounding
-            begin = np.array([begin[0], np.zeros_like(begin[0]), np.zeros_like(begin[0])])
+            begin = _at_rest(begin)
         return begin, self._tick + at - self._read
 
     def _ask(self, state: Array) -> None:
@@ -261,7 +263,10 @@ class JPC:
             brake = plan_brake(JointState(*state), self.limits, self.dt)
             if len(brake):
                 jerk = brake.jerk[0].copy()
-        elif self.phase in (Phase.TRACKING, Phase.SETTLING) and self._plan is not None and len(self._plan):
+            self._expected = np.empty_like(state)
+            integrate(np.ascontiguousarray(state), jerk, self.dt, self._expected)
+            return jerk
+        if self.phase in (Phase.TRACKING, Phase.SETTLING) and self._plan is not None and len(self._plan):
             jerk = self._plan.jerk[self._read].copy()
             self._read += 1
             if self.phase is Phase.TRACKING and self._current:
@@ -270,6 +275,13 @@ class JPC:
                     self.met += 1
             self._expected = self._plan.states[self._read]
             return jerk
-        self._expected = np.empty_like(state)
-        integrate(np.ascontiguousarray(state), jerk, self.dt, self._expected)
+        # where it came to rest, not where it is: what creeps away is noticed
+        self._expected = _at_rest(state if self._expected is None else self._expected)
         return jerk
+
+
+def _at_rest(state: Array) -> Array:
+    """The same position without speed and acceleration, shape (3, n)."""
+    rest = np.zeros_like(state)
+    rest[0] = state[0]
+    return rest

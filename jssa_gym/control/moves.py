@@ -15,9 +15,6 @@ from jssa_gym.validation import real_array
 _GROWTH = 1.15
 """By which the time for a move that begins in motion is lengthened until it can be made."""
 
-_STEPS = 40
-"""How often."""
-
 
 def fewest_ticks(distance: float, V: float, A: float, J: float, dt: float) -> tuple[int, int, int]:
     r"""The shortest symmetric jerk-limited move of one joint from rest to rest on the time grid.
@@ -119,6 +116,8 @@ def plan_move(start: ArrayLike, goal: ArrayLike, limits: JointLimits, dt: float)
 def plan_approach(state: JointState, goal: ArrayLike, limits: JointLimits, dt: float) -> Plan:
     """A move to rest at a posture that may begin in motion: :func:`plan_move` from rest, else of least squared jerk.
 
+    If none of those is found in the time that a stop and a move take, it is these.
+
     Args:
         state: Where it begins.
         goal: Shape (n,) [rad].
@@ -126,18 +125,24 @@ def plan_approach(state: JointState, goal: ArrayLike, limits: JointLimits, dt: f
         dt: Tick [s].
 
     Raises:
-        ParameterError: A shape is wrong, or the goal lies outside the position limits.
-        InfeasibleError: The state cannot be brought to rest within the limits.
+        ParameterError: A shape is wrong.
+        InfeasibleError: The goal lies outside the position limits, or the state cannot be brought to rest within them.
     """
     if not (np.any(state.velocity) or np.any(state.acceleration)):
         return plan_move(state.position, goal, limits, dt)
-    ticks = max(len(plan_brake(state, limits, dt)), len(plan_move(state.position, goal, limits, dt)), FEWEST)
-    for _ in range(_STEPS):
+    low, high = limits.position.T
+    brake = plan_brake(state, limits, dt)
+    move = plan_move(np.clip(brake.states[-1, 0], low, high), goal, limits, dt)
+    ticks = max(len(brake), len(plan_move(np.clip(state.position, low, high), goal, limits, dt)), FEWEST)
+    while ticks <= len(brake) + len(move):
         try:
             return plan_waypoints(state, [goal], ticks * dt, limits, dt, shortest=False)
         except InfeasibleError:
             ticks = int(np.ceil(ticks * _GROWTH))
-    raise InfeasibleError(f"no move from {state} to {goal} keeps the limits")
+    if not brake.keeps(limits):
+        raise InfeasibleError(f"no move from {state} to {goal} keeps the limits")
+    both = brake.then(move)
+    return Plan(dt, both.jerk, both.states, both.marks[-1:])
 
 
 def plan_brake(state: JointState, limits: JointLimits, dt: float) -> Plan:

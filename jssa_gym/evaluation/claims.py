@@ -7,13 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.evaluation import paper
-from jssa_gym.evaluation.handover import ARRIVED, BEGIN, Delivery
 from jssa_gym.evaluation.paper import Measures
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Trace
 
 PAPER = "paper"
 """Name of the column that holds the paper's own numbers."""
+
+ASKED = "Fig. 6, asked of the stand-in"
+"""Source of what the search for the person who stands in for the paper's was told to bring about: that it comes out
+says that there is such a person, not more."""
 
 _AT_BOUND = 0.999
 """Share of a jerk bound from which a joint counts as saturated."""
@@ -51,6 +54,12 @@ class Claim:
         return next(verdict for name, verdict in self.verdicts.items() if name != PAPER).holds
 
 
+def stays_above(trace: Trace, d_min: float) -> Verdict:
+    """Whether an episode's distance does [m]."""
+    least = float(trace.distance.min())
+    return Verdict(least > d_min, f"{least:.3f} m")
+
+
 # ---- collision avoidance, Fig. 6 and 8 ---------------------------------------------------------------
 
 
@@ -74,12 +83,8 @@ def avoidance_claims(traces: Mapping[str, Trace], limits: JointLimits, d_min: fl
         d_min: The margin [m].
     """
 
-    def claim(text: str, judge: Callable[[Trace], Verdict]) -> Claim:
-        return Claim(text, "Fig. 6", {name: judge(trace) for name, trace in traces.items()})
-
-    def margin(trace: Trace) -> Verdict:
-        least = float(trace.distance.min())
-        return Verdict(least > d_min, f"{least:.3f} m")
+    def claim(text: str, judge: Callable[[Trace], Verdict], source: str = "Fig. 6") -> Claim:
+        return Claim(text, source, {name: judge(trace) for name, trace in traces.items()})
 
     def early(trace: Trace) -> Verdict:
         if not trace.intervened.any():
@@ -108,12 +113,12 @@ def avoidance_claims(traces: Mapping[str, Trace], limits: JointLimits, d_min: fl
         return Verdict(left < _AT_HOME, f"{left:.1f}° off")
 
     return [
-        claim("the distance stays above d_min", margin),
+        claim("the distance stays above d_min", lambda trace: stays_above(trace, d_min)),
         claim("triggered while there is a decent margin", early),
         claim("the jerk keeps its bound", bounded),
-        claim("the jerk stays within about 2000 °/s³", gentle),
-        claim("the arm's critical link is the end effector", tip),
-        claim("the person's are left arm, core, head, core (4-2-1-2)", person),
+        claim("the jerk stays within about 2000 °/s³", gentle, ASKED),
+        claim("the arm's critical link is the end effector", tip, ASKED),
+        claim("the person's are left arm, core, head, core (4-2-1-2)", person, ASKED),
         claim("the arm returns home when the person leaves", home),
     ]
 
@@ -149,46 +154,6 @@ def comparison_claims(ssa: Trace, jssa: Mapping[str, Trace], limits: JointLimits
 
 def _fluctuation(trace: Trace) -> float:
     return float(np.abs(trace.acceleration_of_distance).mean())
-
-
-# ---- handover, Fig. 10 -------------------------------------------------------------------------------
-
-
-def handover_claims(runs: Mapping[str, Delivery], d_min: float) -> list[Claim]:
-    """What section 4.4 says about Fig. 10.
-
-    Args:
-        runs: By shield, the published one first.
-        d_min: The margin [m].
-    """
-
-    def claim(text: str, judge: Callable[[Delivery], Verdict]) -> Claim:
-        return Claim(text, "Fig. 10", {name: judge(run) for name, run in runs.items()})
-
-    def margin(run: Delivery) -> Verdict:
-        least = float(run.trace.distance.min())
-        return Verdict(least > d_min, f"{least:.3f} m")
-
-    def replans(run: Delivery) -> Verdict:
-        beside = run.trace.intervened & (run.trace.time >= BEGIN)
-        count = int(run.replans.sum())
-        return Verdict(bool(beside.any()) and count > 0, f"{count}, active for {beside.sum() * run.trace.dt:.2f} s")
-
-    def yields(run: Delivery) -> Verdict:
-        error = run.error[run.trace.time >= BEGIN]
-        back = float((error - np.minimum.accumulate(error)).max())
-        return Verdict(back > 0.01, f"by {back:.2f} m")
-
-    def arrives(run: Delivery) -> Verdict:
-        left = float(run.error[-1])
-        return Verdict(left < ARRIVED, f"{left:.3f} m from it")
-
-    return [
-        claim("the distance stays above d_min", margin),
-        claim("replans go along with the shield's activity", replans),
-        claim("the arm moves away from the goal meanwhile", yields),
-        claim("it reaches the goal in the end", arrives),
-    ]
 
 
 # ---- sensitivity, Table 1 ----------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.proximity import measure
 from jssa_gym.shields import JSSAFilter
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes, Scene, Trace
-from jssa_gym.validation import positive_integer
+from jssa_gym.validation import known_name, positive_integer, real_array
 
 _NO_PLANES = Planes(np.zeros((0, 3)), np.zeros(0), ())
 
@@ -43,8 +43,15 @@ def play_on(
         dt: Control step [s].
         viable: Whether the jerk keeps the joint limits recoverable.
         ticks: How many steps.
+
+    Raises:
+        ParameterError: The state is of another robot, or ticks is not positive.
     """
-    row, ticks = robot.capsule_names.index(found.capsule), positive_integer("ticks", ticks)
+    row = robot.capsule_names.index(known_name("capsule", found.capsule, robot.capsule_names))
+    joints, ticks = (
+        real_array("joints", found.joints, (3, robot.n), "position, velocity and acceleration of every joint"),
+        positive_integer("ticks", ticks),
+    )
     alone = replace(
         robot,
         capsules=robot.capsules[row : row + 1],
@@ -54,7 +61,7 @@ def play_on(
     shield = JSSAFilter(alone, dt, index, min_authority=0.0, recovery=0.0, viability=viable)
     limits = robot.limits
     bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
-    wanted, state = np.zeros(robot.n), found.joints.copy()
+    wanted, state = np.zeros(robot.n), joints.copy()
     scene = _scene(found, state, 0.0)
     shield.reset(scene)
     rows: dict[str, list[Any]] = {}

@@ -1,9 +1,11 @@
 """A comparison of filters as one page that loads nothing."""
 
 import os
+import shlex
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 
@@ -59,7 +61,7 @@ def write_page(path: Path, study: Study, reports: Sequence[Report], command: str
         command: That made it.
     """
     unfinished = path.with_suffix(".part")
-    unfinished.write_text(page(study, reports, command, path.parent))
+    unfinished.write_text(page(study, reports, command, path.parent), encoding="utf-8")
     unfinished.replace(path)
 
 
@@ -243,7 +245,8 @@ def _told(episode: Scored) -> list[str]:
 
 def _link(path: Path, folder: Path) -> str:
     place = Path(os.path.relpath(path, folder)).as_posix()
-    return f'<a href="{escape(place)}">recording</a> <code>jssa-gym replay {escape(str(path))} --verify</code>'
+    command = escape(shlex.join(["jssa-gym", "replay", str(path), "--verify"]))
+    return f'<a href="{escape(quote(place))}">recording</a> <code>{command}</code>'
 
 
 def _definitions(v_safe: float, separation: SeparationParams) -> str:

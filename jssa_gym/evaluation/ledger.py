@@ -1,6 +1,7 @@
 """Results on disk: appended as they come, continued after a crash."""
 
 import csv
+import fcntl
 import functools
 import hashlib
 import importlib.metadata
@@ -116,7 +117,8 @@ class Ledger(Generic[AnyPlan, AnyRow]):
     """Configuration and episodes of a campaign in a folder.
 
     ``campaign.json`` says what is tried and with which code; ``episodes.csv`` grows by a whole chunk at a time.
-    A folder that holds the same campaign is continued: a line that a crash cut off is dropped.
+    A folder that holds the same campaign is continued: a line that a crash cut off is dropped. One without any episode
+    is anybody's. Two processes must not fill the same folder: whoever finds lines that it did not write stops.
 
     Args:
         folder: It is made if there is none.
@@ -133,6 +135,7 @@ class Ledger(Generic[AnyPlan, AnyRow]):
         self.table, self.traces = folder / "episodes.csv", folder / "traces"
         self.episodes: list[AnyRow] = []
         self._names = _columns(row)
+        self._size = 0
         config = {**json.loads(json.dumps(plan.config())), "version": version, "source": source_hash()}
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -143,7 +146,8 @@ class Ledger(Generic[AnyPlan, AnyRow]):
 
     def _settle(self, config: dict[str, Any]) -> None:
         path = self.folder / "campaign.json"
-        if path.exists():
+        empty = not self.table.exists() or self.table.stat().st_size == 0
+        if path.exists() and not empty:
             try:
                 known = json.loads(path.read_text())
                 other = [name for name in config if known[name] != config[name]]
@@ -154,7 +158,7 @@ class Ledger(Generic[AnyPlan, AnyRow]):
                     f"{self.folder} holds another campaign (other {', '.join(other)}); choose another folder"
                 )
             return
-        if self.table.exists():
+        if not (path.exists() or empty):
             raise ParameterError(f"{self.table} belongs to no campaign; choose another folder")
         unfinished = path.with_suffix(".part")
         unfinished.write_text(json.dumps(config, indent=2) + "\n")
@@ -168,26 +172,43 @@ class Ledger(Generic[AnyPlan, AnyRow]):
         if len(whole) < len(content):
             # what a crash cut off is played again
             os.truncate(self.table, len(whole))
-        rows = csv.reader(io.StringIO(whole.decode(), newline=""))
-        if whole and next(rows) != self._names:
-            raise ParameterError(f"{self.table} has other columns than this version writes")
+        self._size = len(whole)
         try:
+            rows = csv.reader(io.StringIO(whole.decode(), newline=""))
+            if whole and next(rows) != self._names:
+                raise ParameterError(f"{self.table} has other columns than this version writes")
             self.episodes = [_parse(self.row, iter(_fitting(row, self._names))) for row in rows]
-        except (ValueError, KeyError) as error:
+        except (ValueError, KeyError, csv.Error) as error:
             raise ParameterError(f"{self.table} holds a line that is no episode: {error}") from error
+        planned = {(cell, seed) for cell, seeds in self.plan.seeds().items() for seed in seeds}
+        for episode in self.episodes:
+            if (episode.cell, episode.seed) not in planned:
+                raise ParameterError(
+                    f"{self.table} holds an episode twice, or one that was not planned: {', '.join(episode.cell)}, "
+                    f"seed {episode.seed}"
+                )
+            planned.remove((episode.cell, episode.seed))
 
     def append(self, episodes: Sequence[AnyRow]) -> None:
-        """Add episodes, in one piece."""
+        """Add episodes, in one piece.
+
+        Raises:
+            ParameterError: Somebody else has written to the table.
+        """
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
-        if not self.table.exists() or self.table.stat().st_size == 0:
+        if self._size == 0:
             writer.writerow(self._names)
         for episode in episodes:
             writer.writerow(_written(episode))
         with self.table.open("ab") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)  # until it is closed
+            if os.fstat(file.fileno()).st_size != self._size:
+                raise ParameterError(f"another process writes to {self.table}; choose another folder")
             file.write(text.getvalue().encode())
             file.flush()
             os.fsync(file.fileno())
+            self._size = file.tell()
         self.episodes += episodes
 
     def ordered(self) -> list[AnyRow]:

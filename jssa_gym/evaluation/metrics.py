@@ -15,7 +15,7 @@ from jssa_gym.evaluation.steps import DEBOUNCE, Steps, StepSummary, summarise_st
 from jssa_gym.evaluation.trace import every_step
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import JointLimits
-from jssa_gym.shields.filter import OUTSIDE
+from jssa_gym.shields.reasons import OUTSIDE
 from jssa_gym.types import Array, Status, Trace
 from jssa_gym.validation import number_within
 
@@ -140,7 +140,9 @@ def summarise(
     timed = trace.shield_time[np.isfinite(trace.shield_time)]
     quantiles = np.percentile(timed, [50, 95, 99, 100]).tolist() if len(timed) else [None] * 4
     people = np.isfinite(trace.distance)
-    faults = (None,) * 3 if seen is None else _faults(trace, seen, v_safe)
+    # the touching points are the commanded arm's, which a servoed one follows late
+    kinematic = trace.dynamics == "kinematic"
+    faults = _faults(trace, seen, v_safe) if seen is not None and kinematic else (None,) * 3
     margin = None if seen is None else _margin(trace, seen, separation or SeparationParams())
     closing = trace.speed < -_SLOWEST
     return Summary(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.evaluation.metrics import summarise
+from jssa_gym.exceptions import RecordingError
 from jssa_gym.humans import Body, HumanMotion, Recorded, Recording
 from jssa_gym.humans.body import NAMES
 from jssa_gym.robots import JointLimits
@@ -132,7 +133,13 @@ def walk(table: ArrayLike) -> HumanMotion:
         RecordingError: The rows are no such table.
         ParameterError: A place is within the clearance of the base axis.
     """
-    time, *root = np.array(table, float).T
+    try:
+        rows = np.array(table, np.float64)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"a walk is made of rows of time, x and y: {error}") from error
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise RecordingError(f"a walk is made of rows of time, x and y, shape (k, 3), got {rows.shape}")
+    time, *root = rows.T
     body, place = Body.facing(), np.stack([*root, np.zeros_like(time)], axis=-1)[:, None]
     recording = Recording(time, body.start + place, body.end + place, body.radius, NAMES)
     return Recorded(recording, turn=(0.0, 0.0), offset=((0.0, 0.0), (0.0, 0.0)))

@@ -2,10 +2,12 @@
 
 import hashlib
 import importlib
+import inspect
 import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from itertools import product
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -19,7 +21,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, Policy
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, Shield, make_filter
-from jssa_gym.validation import known_name, number_within, positive_integer
+from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
 
 STOP = "+stop"
 """Ending of a filter's name: with the viability box and the verified stop around it."""
@@ -45,9 +47,7 @@ def put_filter(env: gym.Env, name: str) -> Shield:
     Raises:
         ParameterError: Unknown name.
     """
-    bare = name.removesuffix(STOP)
-    if bare not in FILTERS:
-        raise ParameterError(f"unknown filter {name!r}; valid: {', '.join(FILTERS)}, and each with '{STOP}' behind it")
+    bare = _known_filter(name)
     robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
     stop = bare != name
     return Shield(env, make_filter(bare, robot, dt, viability=stop, failsafe=FailsafeParams() if stop else None))
@@ -93,10 +93,18 @@ def _factory(name: str) -> Callable[[gym.Env, int], Policy]:
 def _check(plan: "Study | Single") -> None:
     if positive_integer("episodes", plan.episodes) > SPACING:
         raise ParameterError(f"episodes has to be at most {SPACING} of a combination, got {plan.episodes}")
-    if isinstance(plan.seed, bool) or not isinstance(plan.seed, int) or plan.seed < 0:
-        raise ParameterError(f"seed has to be a whole number of at least 0, got {plan.seed!r}")
+    whole_number("seed", plan.seed)
     positive_integer("steps", plan.steps)
     number_within("v_safe", plan.v_safe, 0.0)
+    if not isinstance(plan.separation, SeparationParams):
+        raise ParameterError(f"separation has to be SeparationParams, got {plan.separation!r}")
+
+
+def _known_filter(name: str) -> str:
+    bare = name.removesuffix(STOP) if isinstance(name, str) else name
+    if bare not in FILTERS:
+        raise ParameterError(f"unknown filter {name!r}; valid: {', '.join(FILTERS)}, and each with '{STOP}' behind it")
+    return bare
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +139,7 @@ class Study:
         for human in self.humans:
             known_name("human", human, PEOPLE)
         for name in self.filters:
-            if name.removesuffix(STOP) not in FILTERS:
-                valid = ", ".join(FILTERS)
-                raise ParameterError(f"unknown filter {name!r}; valid: {valid}, and each with '{STOP}' behind it")
+            _known_filter(name)
         for policy in self.policies:
             _factory(policy)
 
@@ -144,7 +150,7 @@ class Study:
 
     def config(self) -> dict[str, Any]:
         """All that decides about the results, as JSON can hold it."""
-        return asdict(self)
+        return {**asdict(self), "code": {name: code for name in self.policies if (code := _code(_factory(name)))}}
 
     def build(self, setting: Setting) -> gym.Env:
         """The environment of a setting."""
@@ -178,6 +184,10 @@ class Single:
 
     def __post_init__(self) -> None:
         _check(self)
+        if self.filter is not None:
+            _known_filter(self.filter)
+        if not isinstance(self.env_kwargs, Mapping | None):
+            raise ParameterError(f"env_kwargs has to be a mapping, got {self.env_kwargs!r}")
         if isinstance(self.env, str):
             if self.env not in gym.registry:
                 ours = ", ".join(sorted(name for name in gym.registry if name.startswith("jssa_gym/")))
@@ -208,6 +218,7 @@ class Single:
         return {
             "env": _identity("env", self.env),
             "policy": _identity("policy", self.policy_of),
+            "code": [_code(self.env), _code(_factory(policy) if isinstance(policy := self.policy_of, str) else policy)],
             "env_kwargs": _identity("env_kwargs", dict(self.env_kwargs or {})),
             "filter": self.filter,
             "episodes": self.episodes,
@@ -239,6 +250,21 @@ def _named(thing: Any) -> str:
     if isinstance(thing, gym.Env):
         return thing.spec.id if thing.spec is not None else type(thing.unwrapped).__name__
     return getattr(thing, "__name__", type(thing).__name__)
+
+
+def _code(thing: Any) -> str:
+    """Digest of the file that defines a thing, or its class.
+
+    Empty where there is none, and for names and this package, whose code the ledger looks at as a whole.
+    """
+    maker = thing if inspect.isfunction(thing) or inspect.isclass(thing) else type(thing)
+    if (maker.__module__ or "").split(".")[0] in ("builtins", "jssa_gym"):
+        return ""
+    try:
+        file = inspect.getsourcefile(maker)
+        return "" if file is None else hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+    except (TypeError, OSError):  # made in C, or at a prompt
+        return ""
 
 
 def _identity(name: str, thing: Any) -> str:

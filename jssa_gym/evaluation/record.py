@@ -11,7 +11,7 @@ from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.fields import metrics_of
 from jssa_gym.evaluation.steps import Steps, StepSummary, summarise_steps
 from jssa_gym.exceptions import InterfaceError
-from jssa_gym.shields.filter import OUTSIDE
+from jssa_gym.shields.reasons import OUTSIDE
 from jssa_gym.types import Status
 from jssa_gym.validation import number_within, positive_integer
 
@@ -46,7 +46,8 @@ class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
             raise InterfaceError(f"{env} has no attribute 'dt', the control step [s]")
         self._dt = float(env.get_wrapper_attr("dt"))
         self._d_min = float(env.get_wrapper_attr("d_min")) if env.has_wrapper_attr("d_min") else 0.05
-        self._holds = env.has_wrapper_attr("task") and not env.get_wrapper_attr("task").ends
+        # tasks of other packages do not say whether they end
+        self._holds = env.has_wrapper_attr("task") and not getattr(env.get_wrapper_attr("task"), "ends", True)
         self._v_safe = number_within("v_safe", v_safe, 0.0)
         self._rows: list[tuple[Any, ...]] = []
         self.recent: deque[StepSummary] = deque(maxlen=positive_integer("buffer_length", buffer_length))

@@ -17,7 +17,7 @@ from jssa_gym.evaluation.stage import AnyStudy, Scored, record, score
 from jssa_gym.evaluation.trace import read_meta
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, TraceError
-from jssa_gym.validation import positive_integer
+from jssa_gym.validation import positive_integer, whole_number
 
 _CHUNK = 10
 """Most episodes of one setting played together: what a crash loses at most, for every job."""
@@ -97,8 +97,7 @@ def complete(
         ParameterError: As of :func:`evaluate`.
     """
     jobs = positive_integer("jobs", jobs)
-    if isinstance(keep, bool) or not isinstance(keep, int) or keep < 0:
-        raise ParameterError(f"keep has to be a whole number of at least 0, got {keep!r}")
+    keep = whole_number("keep", keep)
     if jobs > 1:
         _check_sendable(plan)
     ledger = None if folder is None else Ledger(folder, plan, Scored, package_version())

@@ -10,8 +10,12 @@ from numpy.typing import ArrayLike
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.rates import Rate, clopper_pearson, tail_of
 from jssa_gym.types import Array
+from jssa_gym.validation import positive_integer
 
 __all__ = ["PairedDifference", "Rate", "bootstrap_interval", "clopper_pearson", "paired_difference"]
+
+_LARGEST = 20_000_000
+"""Numbers of copies that are held at once while resampling."""
 
 
 def _samples(name: str, values: ArrayLike) -> Array:
@@ -43,9 +47,7 @@ def bootstrap_interval(
     Raises:
         ParameterError: No values, values that are not finite, or a confidence or count out of range.
     """
-    array, tail = _samples("values", values), tail_of(confidence)
-    if isinstance(resamples, bool) or not isinstance(resamples, int) or resamples < 1:
-        raise ParameterError(f"resamples has to be a positive integer, got {resamples!r}")
+    array, tail, resamples = _samples("values", values), tail_of(confidence), positive_integer("resamples", resamples)
     rng = np.random.default_rng(seed)
     drawn = [float(statistic(array[rng.integers(len(array), size=len(array))])) for _ in range(resamples)]
     low, high = np.quantile(drawn, [tail, 1.0 - tail])
@@ -137,16 +139,24 @@ def means(values: ArrayLike, seed: int = 0, *, confidence: float = 0.95, resampl
         A mean a column, None where no episode has a value.
 
     Raises:
-        ParameterError: No episodes, another shape, or a confidence out of range.
+        ParameterError: No episodes, another shape, or a confidence or count out of range.
     """
-    array, tail = np.array(values, dtype=np.float64), tail_of(confidence)
+    array, tail, resamples = (
+        np.array(values, dtype=np.float64),
+        tail_of(confidence),
+        positive_integer("resamples", resamples),
+    )
     if array.ndim != 2 or len(array) == 0:
         raise ParameterError(f"values have to have shape (n, m) with n >= 1, got {array.shape}")
     there = np.isfinite(array)
     # resampling with replacement is a random number of copies of every episode
-    copies = np.random.default_rng(seed).multinomial(len(array), np.full(len(array), 1.0 / len(array)), resamples)
+    rng, share, parts = np.random.default_rng(seed), np.full(len(array), 1.0 / len(array)), []
+    values, at_once = np.where(there, array, 0.0), max(1, _LARGEST // len(array))
     with np.errstate(invalid="ignore", divide="ignore"):
-        drawn = (copies @ np.where(there, array, 0.0)) / (copies @ there)
+        for k in range(0, resamples, at_once):
+            copies = rng.multinomial(len(array), share, min(at_once, resamples - k))
+            parts.append((copies @ values) / (copies @ there))
+    drawn = np.concatenate(parts)
     found: list[Mean | None] = []
     for column, kept, resampled in zip(array.T, there.T, drawn.T, strict=True):
         known = column[kept]

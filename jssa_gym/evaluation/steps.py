@@ -15,7 +15,7 @@ DEBOUNCE = 0.1
 """Contacts that are not interrupted for longer than this are one event [s]."""
 
 INFEASIBLE = 1e-6
-"""Violation of a row from which the applied jerk counts as infeasible [m²], as in the filters."""
+"""Violation of a row from which the applied jerk counts as infeasible [m², or as the filter's rows]."""
 
 
 class Steps(NamedTuple):
@@ -103,14 +103,12 @@ class StepSummary:
     ]
     correction_max: Annotated[float | None, Says("jerk bounds", "Largest change of a joint's jerk.")]
     infeasible_rate: Annotated[
-        float, Says("", "Share of the steps in which the applied jerk misses a row by over 1e-6 m².")
+        float, Says("", "Share of the steps in which the applied jerk misses a row by over 1e-6.")
     ]
     relaxed_rate: Annotated[float, Says("", "Share of the steps with status RELAXED.")]
     backup_rate: Annotated[float, Says("", "Share of the steps with status FAILSAFE: a stored stop goes on.")]
     fault_rate: Annotated[float, Says("", "Share of the steps with status FAULT.")]
-    phi_max: Annotated[
-        float | None, Says("m²", "Largest safety index that the filter predicted; none without an index.")
-    ]
+    phi_max: Annotated[float | None, Says("m²", "Largest safety index that the filter told; none without an index.")]
     phi_violation_rate: Annotated[
         float | None, Says("", "Share of the steps, of those with an index, with an index above 0.")
     ]
@@ -131,9 +129,11 @@ def summarise_steps(steps: Steps, v_safe: float = MOVING) -> StepSummary:
         v_safe: Speed of the robot's touching point from which a contact is critical [m/s].
     """
     dt, count = steps.dt, len(steps.reward)
-    contacts = spans(steps.contact, round(DEBOUNCE / dt))
-    critical = sum(bool((steps.contact_speed[first:last] > v_safe).any()) for first, last in contacts)
-    near = ~(steps.distance >= steps.d_min)  # a distance that is no number is not far
+    # what is no number is not far, and not slow
+    contact = steps.contact | np.isnan(steps.distance)
+    contacts = spans(contact, round(DEBOUNCE / dt))
+    critical = sum(bool((~(steps.contact_speed[first:last] <= v_safe)).any()) for first, last in contacts)
+    near = ~(steps.distance >= steps.d_min)
     least = float(steps.distance.min(initial=np.inf))
     reached = np.flatnonzero(steps.success)
     success = bool(steps.success[-1:].any()) if steps.holds else len(reached) > 0
@@ -149,13 +149,13 @@ def summarise_steps(steps: Steps, v_safe: float = MOVING) -> StepSummary:
     return StepSummary(
         ep_len=count,
         ep_return=float(steps.reward.sum()),
-        collision=bool(steps.contact.any()),
-        moving_contact=bool((steps.contact_speed > MOVING).any()),
+        collision=bool(contact.any()),
+        moving_contact=bool((~(steps.contact_speed <= MOVING)).any()),
         contact_speed=float(steps.contact_speed.max(initial=0.0)),
         n_collision_events=len(contacts),
         n_collisions_critical=critical,
         n_collisions_noncritical=len(contacts) - critical,
-        collision_steps=int(steps.contact.sum()),
+        collision_steps=int(contact.sum()),
         min_distance=least,
         d_min_violation_rate=_share(near),
         violation_depth=max(steps.d_min - least, 0.0),

@@ -17,7 +17,7 @@ def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> 
     """Share of boundary states that each pair of parameters loses, a panel a capsule.
 
     Args:
-        swept: The map; its first grid is drawn as tiles, its finer ones as dots.
+        swept: The map; its first grid is drawn as tiles, its finer ones as dots, the bound on the trigger as a line.
         pairs: Pairs to mark, by name.
 
     Raises:
@@ -45,6 +45,10 @@ def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> 
         shares = [max(cell.lost[name].value, least) for cell in finer]
         dots = [cell.lambda1 for cell in finer], [cell.lambda2 for cell in finer]
         panel.scatter(*dots, c=shares, norm=scale, cmap="cividis", s=14, edgecolors="white", linewidths=0.4)
+        bound = (swept.trigger**2 - swept.d_min**2) / swept.domain.human_speed
+        if edges[0][0] < bound < edges[0][-1]:
+            label = f"triggered at {swept.trigger:g} m: no pair beyond"
+            panel.axvline(bound, color="#D55E00", linestyle="--", linewidth=1.2, label=label)
         panel.plot(best.lambda1, best.lambda2, "*", color="#D55E00", markersize=13, label="least lost, worst capsule")
         for marker, (text, pair) in zip("osD^v", pairs.items(), strict=False):
             panel.plot(*pair, marker, color="none", markeredgecolor="white", markeredgewidth=1.6, label=text)

@@ -18,7 +18,7 @@ KEPT = 1e-6
 """Index [m²] up to which a state counts as kept, as in the filter."""
 
 _DRAWS = 1 << 13
-"""States drawn at a time."""
+"""States drawn at a time, fewer where few are asked for."""
 
 _RAREST = 1e-3
 """Share of the draws that have to lie in the domain."""
@@ -213,11 +213,12 @@ class Boundary:
         """
         found: list[Looks] = []
         count, tries = 0, 0
+        batch = min(_DRAWS, 8 * states)
         while count < states:
-            looks = self.look(self.draw(rng, _DRAWS))
+            looks = self.look(self.draw(rng, batch))
             found.append(looks)
-            count, tries = count + len(looks.ahead), tries + _DRAWS
-            if count < min(_RAREST * tries, states):
+            count, tries = count + len(looks.ahead), tries + batch
+            if tries >= _DRAWS and count < min(_RAREST * tries, states):
                 raise ParameterError(
                     f"hardly any state of {self.domain} has an index of 0 at {self.capsule}: {count} of {tries} draws"
                 )

@@ -48,6 +48,25 @@ class Part(NamedTuple):
     """With 95 % confidence no larger share of its states is, all parts that could have been chosen considered."""
 
 
+class Share(NamedTuple):
+    """Infeasible states with a quantity from ``low`` on, below the next share's."""
+
+    low: float
+    states: int
+    infeasible: int
+
+
+class Shares(NamedTuple):
+    """What a census counted by one quantity at a time."""
+
+    tip_speed: tuple[Share, ...]
+    """[m/s]."""
+    distance: tuple[Share, ...]
+    """[m]."""
+    authority: tuple[Share, ...]
+    """[m/s³]."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Census:
     """What was found in boundary states of one capsule; censuses of different states add up."""
@@ -171,9 +190,30 @@ def _counted(bins: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.bincount(numbers, minlength=math.prod(shape)).astype(np.int64).reshape(shape)
 
 
-def mark(counts: Counts, domain: Domain, looks: Looks) -> Counts:
-    """Counts to which infeasible states have been added that were not drawn but searched for."""
+def mark(counts: Counts, domain: Domain, looks: Looks, part: Part | None = None) -> Counts:
+    """Counts to which infeasible states have been added that were not drawn but searched for.
+
+    A search ends on the edge of the part that it was done in, which is in the next bin already: such a state counts
+    as inside of its part.
+    """
+    if part is not None:
+        near, far = part.distance
+        looks = looks._replace(
+            tip_speed=np.minimum(looks.tip_speed, np.nextafter(part.tip_speed, 0.0)),
+            distance=np.clip(looks.distance, near, np.nextafter(far, near)),
+            authority=np.maximum(looks.authority, part.authority),
+        )
     return counts._replace(infeasible=counts.infeasible + _counted(_bins(domain, looks)))
+
+
+def shares(counts: Counts, domain: Domain) -> Shares:
+    """States by one quantity at a time, whatever the others."""
+    found = []
+    for axis, edges in enumerate(_edges(domain)):
+        others = tuple(other for other in range(3) if other != axis)
+        columns = (field.sum(axis=others).tolist() for field in counts)
+        found.append(tuple(Share(*row) for row in zip(edges.tolist(), *columns, strict=False)))
+    return Shares(*found)
 
 
 def largest_part(counts: Counts, domain: Domain) -> Part | None:

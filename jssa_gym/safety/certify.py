@@ -17,7 +17,7 @@ from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.rates import Rate
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.boundary import KEPT, Boundary, BoundaryState, Domain
-from jssa_gym.safety.census import Census, Part, approach_bound, largest_part
+from jssa_gym.safety.census import Census, Part, Shares, approach_bound, largest_part, mark, shares
 from jssa_gym.safety.chunks import Chunk, ChunkFile, Key, generator, run
 from jssa_gym.safety.condition import fastest_approach, needed_jerk
 from jssa_gym.safety.index import IndexParams
@@ -47,9 +47,11 @@ class LinkCertificate:
     """Smallest third derivative of the distance under the best jerk that was drawn [m/s³]."""
     jerk: dict[float, float]
     """What the best jerk's third derivative exceeds in all but this share of the states [m/s³]."""
-    enough: Rate
-    """Infeasible states among those in which the arm has the jerk of the sufficient condition; None had to be there
-    in continuous time and without the sliding of closest points. n is at least 1."""
+    enough: Rate | None
+    """Infeasible states among those in which the arm has the jerk of the sufficient condition: in continuous time and
+    without the sliding of closest points there were none. None if no state has that jerk."""
+    by: Shares
+    """Infeasible states by tip speed, distance and authority."""
     sampled_part: Part | None
     """Largest part of the domain without an infeasible state that was drawn."""
     part: Part | None
@@ -100,6 +102,8 @@ class Certificate:
         """As JSON can hold it."""
 
         def clean(value: Any) -> Any:
+            if hasattr(value, "_asdict"):
+                value = value._asdict()
             if isinstance(value, dict):
                 return {str(key): clean(entry) for key, entry in value.items()}
             if isinstance(value, list | tuple):
@@ -109,7 +113,7 @@ class Certificate:
             return None if isinstance(value, float) and not np.isfinite(value) else value
 
         values = clean(asdict(replace(self, links=())))
-        values["links"] = [{**clean(asdict(link)), "margin": link.margin, "holds": link.holds} for link in self.links]
+        values["links"] = [clean({**asdict(link), "margin": link.margin, "holds": link.holds}) for link in self.links]
         return {**values, "holds": self.holds, "suffices": self.suffices}
 
 
@@ -225,7 +229,11 @@ def _link(boundary: Boundary, census: Census, seed: int, search: bool) -> LinkCe
     drawn = boundary.look(genes)
     worst = worsen(boundary, genes, rng) if search else drawn
     sampled = largest_part(census.counts, boundary.domain)
-    part, searched = kept_part(boundary, census.counts, rng) if search else (None, 0)
+    part, searched = None, 0
+    if search:
+        # what the search in the whole domain found is in no part without a counter-example
+        known = mark(census.counts, boundary.domain, worst.pick(worst.infeasible))
+        part, searched = kept_part(boundary, known, rng)
     return LinkCertificate(
         capsule=boundary.capsule,
         infeasible=Rate.of(census.infeasible, census.states),
@@ -235,7 +243,8 @@ def _link(boundary: Boundary, census: Census, seed: int, search: bool) -> LinkCe
         worst_drawn=float(census.worst[0, 0]),
         least_jerk=census.least_jerk,
         jerk={level: census.jerk_quantile(level) for level in (0.01, 0.05, 0.5)},
-        enough=Rate.of(census.infeasible_enough, census.enough) if census.enough else Rate.of(0, 1),
+        enough=Rate.of(census.infeasible_enough, census.enough) if census.enough else None,
+        by=shares(census.counts, boundary.domain),
         sampled_part=sampled,
         part=part,
         searched=searched,

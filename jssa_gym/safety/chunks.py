@@ -88,29 +88,29 @@ class ChunkFile:
         first = json.loads(json.dumps({**setting, "kernels": source_hash()}))
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            lines = self._lines()
-            if not lines:
+            lines, cut = self._lines()
+            # a crash may have cut the first line off; anything else without an end of line is somebody else's
+            if not lines and json.dumps(first).encode().startswith(cut):
                 self.path.write_text(json.dumps(first) + "\n")
                 return
         except (OSError, UnicodeDecodeError) as error:
             raise ParameterError(f"cannot use {folder}: {getattr(error, 'strerror', error)}") from error
         try:
-            known = json.loads(lines[0])
+            known = json.loads(lines[0] if lines else "")
             other = [name for name in first if known.get(name) != first[name]]
         except (ValueError, AttributeError) as error:
             raise ParameterError(f"{self.path} is no file of counts; choose another folder") from error
         if other:
             raise ParameterError(f"{folder} holds another certificate (other {', '.join(other)}); choose another")
+        if cut:  # by a crash; it is counted again
+            os.truncate(self.path, self.path.stat().st_size - len(cut))
 
-    def _lines(self) -> list[str]:
-        """Whole lines; what a crash cut off is dropped, and counted again."""
+    def _lines(self) -> tuple[list[str], bytes]:
+        """Whole lines, and what comes after the last one."""
         if not self.path.exists():
-            return []
-        content = self.path.read_bytes()
-        whole = content[: content.rfind(b"\n") + 1]
-        if len(whole) < len(content):
-            os.truncate(self.path, len(whole))
-        return whole.decode().splitlines()
+            return [], b""
+        whole, end, cut = self.path.read_bytes().rpartition(b"\n")
+        return (whole + end).decode().splitlines(), cut
 
     def read(self) -> dict[Key, Census]:
         """All censuses that are there.
@@ -119,7 +119,7 @@ class ChunkFile:
             ParameterError: A line is no census.
         """
         found: dict[Key, Census] = {}
-        for line in self._lines()[1:]:
+        for line in self._lines()[0][1:]:
             try:
                 (capsule, number, states), plain = json.loads(line)
                 found[capsule, number, states] = Census.read(plain)

@@ -20,10 +20,8 @@ from jssa_gym.types import Array
 from jssa_gym.validation import known_name, low_high, positive_integer, positive_number, whole_number
 
 _ROUNDS = 2
-"""Finer grids around the best pair."""
-
-_FINER = 5
-"""Values of either parameter in a finer grid."""
+"""Finer grids around the best pair, of up to five values of either parameter; each halves the steps. The best pair is
+drawn again, so that it need not owe its place to luck."""
 
 _MORE = 4
 """How many times as many states each finer grid draws."""
@@ -110,7 +108,8 @@ def sweep(
             larger parameters would lose ever fewer states. The domain's largest distance unless given.
         domain: Where states are drawn from.
         capsules: As of :func:`~jssa_gym.safety.certify.certify`.
-        states: Of each capsule and pair; the finer grids draw 4 and 16 times as many.
+        states: Of each capsule and pair; the finer grids draw 4 and 16 times as many. The best pair is chosen by
+            these very states: its interval does not account for that.
         seed: Of the draws.
         jobs: How many threads.
         dt: Control step [s].
@@ -138,8 +137,8 @@ def sweep(
     allowed: list[Cell] = []
     for finer in range(_ROUNDS + 1):
         if finer:
-            best = min(allowed, key=lambda cell: cell.cost)
-            ones, twos = _around(ones, best.lambda1), _around(twos, best.lambda2)
+            best, half = min(allowed, key=lambda cell: cell.cost), 0.5**finer
+            ones, twos = _around(first[0], best.lambda1, half), _around(first[1], best.lambda2, half)
         pairs = [(float(x), float(y)) for x in ones for y in twos if x**2 >= 8.0 * y * d_min]
         if progress is not None:
             progress(-len(pairs))
@@ -174,10 +173,10 @@ def _axis(name: str, limits: tuple[float, float], count: int) -> Array:
     return np.geomspace(low, high, count)
 
 
-def _around(axis: Array, best: float) -> Array:
-    """From one neighbour of the best value to the other."""
-    k = int(np.argmin(np.abs(axis - best)))
-    return np.geomspace(axis[max(k - 1, 0)], axis[min(k + 1, len(axis) - 1)], _FINER)
+def _around(axis: Array, best: float, share: float) -> Array:
+    """The best value itself, and two at either side of it, a share of the axis' steps apart, within its range."""
+    steps = (axis[1] / axis[0]) ** (share * np.arange(-2.0, 3.0))
+    return np.unique(np.clip(best * steps, axis[0], axis[-1]))
 
 
 def _cell(index: IndexParams, domain: Domain, found: dict[str, Census]) -> Cell:

@@ -38,6 +38,14 @@ class Watch(NamedTuple):
     reason: str
     """What is wrong with the capsule that is worst off, fault or not; empty if all are fresh and plausible."""
 
+    def present(self) -> CapsuleSet:
+        """People moved on at their measured velocities from when they were measured: what rows are about."""
+        if not self.age.any():
+            return self.human
+        human, late = self.human, self.age[:, None]
+        start, end = human.start + late * human.start_velocity, human.end + late * human.end_velocity
+        return human._replace(start=start, end=end)
+
 
 class HumanMonitor:
     r"""Believes a measurement only if it can be true, and lets the last believed one age meanwhile.

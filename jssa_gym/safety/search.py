@@ -68,7 +68,7 @@ def kept_part(boundary: Boundary, counts: Counts, rng: np.random.Generator) -> t
         worst = _worst_in(boundary, part, rng)
         if worst is None or not worst.infeasible[0]:
             return part, found
-        counts = mark(counts, domain, worst.pick(worst.infeasible))
+        counts = mark(counts, domain, worst.pick(worst.infeasible), part)
     return None, _ROUNDS
 
 

@@ -19,31 +19,12 @@ from jssa_gym.kernels.tick import take_in, unfit
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.monitor import Watch
 from jssa_gym.safety.proximity import records_for
 from jssa_gym.shields.failsafe import Verdict, VerifiedStop
-from jssa_gym.types import Array, CapsuleSet, Decision, JointState, Scene, Status
+from jssa_gym.shields.reasons import FAULTS, UNFIT
+from jssa_gym.types import Array, Decision, JointState, Scene, Status
 from jssa_gym.validation import positive_number
 
-_FAULTS = (
-    "",
-    "nominal jerk is not finite",
-    "joint state is not finite",
-    "human measurement is not finite",
-    "a human capsule was not measured",
-)
-
-
-OUTSIDE = "outside the jerk bounds"
-"""Reason of a decision that only clipped the nominal."""
-
-
-_UNFIT = (
-    "",
-    "the filter's answer is not finite",
-    "the filter's answer is outside the jerk bounds",
-    "the filter's answer is not the nominal, as it claims",
-)
 _logger = logging.getLogger("jssa_gym")
 
 
@@ -150,7 +131,7 @@ class SafetyFilter(ABC):
                 watch = guard.watch(scene)
                 if watch.fault:
                     return self._blind(scene, nominal, watch.reason)
-                human, valid = _at_present(watch), self._valid
+                human, valid = watch.present(), self._valid
                 if len(valid) != len(watch.age):
                     self._valid = valid = np.ones(len(watch.age), np.bool_)
             self._agents = agents = records_for(human, self._agents)
@@ -179,7 +160,7 @@ class SafetyFilter(ABC):
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
             return self._blind(scene, nominal, f"the scene does not fit: {error}")
         if fault:
-            return self._fault(scene, nominal, _FAULTS[fault], readable=fault != 2)
+            return self._fault(scene, nominal, FAULTS[fault], readable=fault != 2)
         self._state, self._incoming = self._incoming, self._state
         if guard is not None:
             astray = guard.follow(self._state, scene)
@@ -197,7 +178,7 @@ class SafetyFilter(ABC):
         if decision.status == Status.FAULT:
             return self._brake(nominal, decision.reason)
         if wrong:
-            return self._brake(nominal, _UNFIT[wrong])
+            return self._brake(nominal, UNFIT[wrong])
         if guard is not None and watch is not None:
             try:
                 verdict = guard.confirm(
@@ -268,7 +249,7 @@ class SafetyFilter(ABC):
         except Exception as worse:
             return self._fault(scene, nominal, f"the joint state cannot be read: {worse}", readable=False)
         fault = unsound(self._incoming, nominal, self._none)
-        return self._fault(scene, nominal, _FAULTS[fault] if fault else reason, readable=fault != 2)
+        return self._fault(scene, nominal, FAULTS[fault] if fault else reason, readable=fault != 2)
 
     def _read_state(self, robot: JointState) -> None:
         shape = (self.robot.n,)
@@ -317,12 +298,3 @@ class SafetyFilter(ABC):
         jerk = np.where(np.isfinite(jerk), jerk, 0.0)
         self._applied[:] = jerk
         return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
-
-
-def _at_present(watch: Watch) -> CapsuleSet:
-    """People moved on at their measured velocities from when they were measured: what rows are about."""
-    human, age = watch.human, watch.age
-    if not age.any():
-        return human
-    late = age[:, None]
-    return human._replace(start=human.start + late * human.start_velocity, end=human.end + late * human.end_velocity)

@@ -8,17 +8,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.contact import unsound
-from jssa_gym.kernels.printed import measure_present, printed_rows
 from jssa_gym.kernels.projection import violation
-from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
-from jssa_gym.kernels.tick import look_ahead, look_back, rows_ahead
+from jssa_gym.kernels.records import AGENT, PLANE, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import PROJECTORS
 from jssa_gym.safety.proximity import agent_records, plane_records
-from jssa_gym.shields.filter import OUTSIDE, SafetyFilter
-from jssa_gym.types import Array, Decision, HalfSpaces, Scene, Status
+from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.horizon import Horizon
+from jssa_gym.shields.reasons import OUTSIDE
+from jssa_gym.types import Array, Decision, Scene, Status
 from jssa_gym.validation import known_name, positive_number
 
 _TOLERANCE = 1e-6
@@ -96,30 +96,16 @@ class JSSAFilter(SafetyFilter):
         self.index: IndexParams = self.params
         self.rows, self.gradient, self.static_rows = rows, gradient, static_rows
         self._projector = PROJECTORS[projector](robot.n, weight)
-        self._index, self._parameters = self.index.kernel(), self.index.array()
         self._authority = min_authority * self.index.lambda2 * self.dt
-        # the arm at the end of the step, and at its beginning
-        self._after, self._before = np.zeros((3, robot.n)), np.zeros((3, robot.n))
-        self._frames, self._frames_now = records(robot.n, FRAME), records(robot.n, FRAME)
-        self._segments, self._segments_now = (records(len(robot.capsules), SEGMENT) for _ in range(2))
+        self._horizon = Horizon(robot, self.dt, self.index)
         self._static_agents, self._planes = records(0, AGENT), records(0, PLANE)
         self._all_agents = records(0, AGENT)
-        self._resize(0)
-
-    def _resize(self, columns: int) -> None:
-        count = len(self._segments) * columns
-        self._pairs, self._pairs_now = (records((len(self._segments), columns), PAIR) for _ in range(2))
-        self._L = np.zeros((max(count, 1), self.robot.n))
-        self._S = np.zeros(max(count, 1))
-        self._owner = np.zeros(max(count, 1), np.int64)
-        self._target = np.zeros(max(count, 1))
 
     def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         humans = len(agents)
         if self.static_rows:
             agents = self._with_static(scene, agents)
-        if self._pairs.shape[1] != len(agents) + len(self._planes):
-            self._resize(len(agents) + len(self._planes))
+        self._horizon.meet(len(agents), self._planes)
         if self.gradient == "printed":
             return self._printed(state, agents, nominal, inside)
         return self._exact(state, agents, humans, nominal, inside)
@@ -139,73 +125,11 @@ class JSSAFilter(SafetyFilter):
         self._all_agents[len(agents) :] = static
         return self._all_agents
 
-    def _ahead(
-        self, state: Array, agents: NDArray, jerk: Array, humans: int, move: bool, rows: int
-    ) -> tuple[float, float, int, int, float]:
-        return look_ahead(
-            self.robot.links,
-            self.robot.capsules,
-            state,
-            jerk,
-            agents,
-            self._planes,
-            humans,
-            self.dt,
-            self._parameters,
-            move,
-            self._after,
-            self._frames,
-            self._segments,
-            self._pairs,
-            self._owner,
-            self._target,
-            rows,
-        )
-
-    def _look_back(self, state: Array, agents: NDArray) -> None:
-        """Index of every pair at the beginning of the step."""
-        look_back(
-            self.robot.links,
-            self.robot.capsules,
-            state,
-            agents,
-            self._planes,
-            self.dt,
-            self._parameters,
-            self._before,
-            self._frames_now,
-            self._segments_now,
-            self._pairs_now,
-        )
-
-    def _rows_at(self, agents: NDArray, jerk: Array, only: int) -> tuple[int, float, bool]:
-        return rows_ahead(
-            self._frames,
-            self._segments,
-            agents,
-            self._planes,
-            self._pairs,
-            jerk,
-            self.lower,
-            self.upper,
-            self.dt,
-            self._parameters,
-            only,
-            self._bounds[4],
-            self._authority,
-            self.recovery,
-            self._pairs_now,
-            self._L,
-            self._S,
-            self._owner,
-            self._target,
-        )
-
     def _foresee(self, jerk: Array) -> tuple[float, float, tuple[int, int]]:
         if self.gradient == "printed":
             return super()._foresee(jerk)
         # the agents are at the end of the step since the rows were made
-        worst, _, row, column, distance = self._ahead(self._state, self._seen, jerk, self._humans, False, 0)
+        worst, _, row, column, distance = self._horizon.ahead(self._state, self._seen, jerk, self._humans, False, 0)
         return worst, distance, (row, column)
 
     def _exact(self, state: Array, agents: NDArray, humans: int, nominal: Array, inside: bool) -> Decision:
@@ -239,30 +163,30 @@ class JSSAFilter(SafetyFilter):
             Whether the rows are kept, whether some are recovering, the jerk, what is left of the rows [m²], their
             number, the projector's note; index, distance and pair at the end of the step.
         """
-        state, agents, humans = self._state, self._seen, self._humans
+        state, agents, humans, horizon = self._state, self._seen, self._humans, self._horizon
         jerk, feasible, left, rows, note, recovering = self._clipped, True, 0.0, 0, "", False
-        worst, _, row, column, distance = self._ahead(state, agents, jerk, humans, move, 0)
+        worst, _, row, column, distance = horizon.ahead(state, agents, jerk, humans, move, 0)
         if not worst < np.inf:
             raise _UnsolvedError("the safety index is not finite")
         if worst > 0.0:
             only = -1
             if self.rows == "closest":
-                only = row * self._pairs.shape[1] + column
+                only = row * horizon.columns + column
             if self.recovery > 0.0:
-                self._look_back(state, agents)
+                horizon.look_back(state, agents)
             left = np.nan
             for attempt in range(_LINEARISATIONS + 1):
-                count, left, below = self._rows_at(agents, jerk, only)
+                count, left, below = horizon.rows_at(
+                    agents, jerk, only, self.lower, self.upper, self._bounds[4], self._authority, self.recovery
+                )
                 if left <= (_TOLERANCE if attempt else 0.0) or attempt == _LINEARISATIONS:
                     break
                 rows, recovering = count, below
-                projection = self._projector.project(
-                    nominal, HalfSpaces(self._L[:count], self._S[:count]), self.lower, self.upper
-                )
+                projection = self._projector.project(nominal, horizon.rows(count), self.lower, self.upper)
                 jerk, feasible, note = projection.jerk, projection.feasible, projection.note
                 if math.isnan(projection.violation):
                     raise _UnsolvedError("the projection found no solution")
-                worst, left, row, column, distance = self._ahead(state, agents, jerk, humans, False, rows)
+                worst, left, row, column, distance = horizon.ahead(state, agents, jerk, humans, False, rows)
                 if left <= _TOLERANCE or not feasible:
                     break
             if not (left < np.inf and worst < np.inf):
@@ -272,35 +196,19 @@ class JSSAFilter(SafetyFilter):
 
     def _printed(self, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         """Rows of Eq. (13) from the present, projected once; the index is their own S - L u."""
-        row, column, distance = measure_present(
-            self.robot.links, self.robot.capsules, state, agents, self._frames, self._segments, self._pairs
-        )
+        horizon = self._horizon
+        row, column, distance = horizon.measure(state, agents)
         jerk, feasible, left, rows, note, phi = self._clipped, True, 0.0, 0, "", -np.inf
         if row >= 0:
             only = row * len(agents) + column if self.rows == "closest" else -1
-            count = printed_rows(
-                self._frames,
-                self._segments,
-                agents,
-                self._pairs,
-                self.lower,
-                self.upper,
-                self.dt,
-                self._index,
-                only,
-                0.0 if self.rows == "closest" else self._authority,
-                self._L,
-                self._S,
-                self._owner,
-            )
-            left = violation(self._L, self._S, count, jerk)
+            authority = 0.0 if self.rows == "closest" else self._authority
+            made = horizon.rows(horizon.printed(agents, only, self.lower, self.upper, authority))
+            count = len(made.S)
+            left = violation(made.L, made.S, count, jerk)
             if not (left <= 0.0):
                 rows = count
-                projection = self._projector.project(
-                    nominal, HalfSpaces(self._L[:count], self._S[:count]), self.lower, self.upper
-                )
-                jerk, feasible, left, note = projection
-            phi = max((self._S[i] - self._L[i] @ jerk for i in range(count)), default=-np.inf)
+                jerk, feasible, left, note = self._projector.project(nominal, made, self.lower, self.upper)
+            phi = max((made.S[i] - made.L[i] @ jerk for i in range(count)), default=-np.inf)
             if not (left < np.inf and phi < np.inf):
                 return self._failed(nominal, "the printed row is not finite")
         return self._decision(nominal, jerk, inside, feasible, left, rows, note, phi, distance, (row, column))

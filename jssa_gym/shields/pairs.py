@@ -12,7 +12,8 @@ from jssa_gym.kernels.records import FRAME, PAIR, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.projectors import ExactProjector
-from jssa_gym.shields.filter import OUTSIDE, SafetyFilter
+from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.reasons import OUTSIDE
 from jssa_gym.types import Array, Decision, HalfSpaces, Scene, Status
 
 Rows = Literal["closest", "all"]

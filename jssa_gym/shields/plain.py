@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.shields.filter import OUTSIDE, SafetyFilter
+from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.reasons import OUTSIDE
 from jssa_gym.types import Array, Decision, Scene, Status
 
 
