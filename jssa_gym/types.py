@@ -171,7 +171,7 @@ class Trace:
     nominal: Array
     """Asked for by the policy, shape (T, n) [rad/s³]."""
     goal: Array
-    """The task's goal, shape (T, g) [rad or m]."""
+    """The task's goal, shape (T, g) [rad or m]; waypoints one after the other."""
     reward: Array
     """Shape (T,)."""
     success: NDArray[np.bool_]

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import jssa_gym
+from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation import load_trace, read_meta, rollout, save_trace
 from jssa_gym.evaluation import trace as module
 from jssa_gym.exceptions import JSSAGymError, TraceError
@@ -63,6 +64,15 @@ def repacked(path: Path, change) -> bytes:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     return sealed(buffer.getvalue())
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_an_episode_of_every_task_can_be_saved(task, tmp_path):
+    env = jssa_gym.ArmEnv(task, terminate_on=())
+    recorded = rollout(env, lambda _: np.zeros(6), seed=0, steps=5)
+    save_trace(recorded, tmp_path / "episode.npz")
+    same(recorded, load_trace(tmp_path / "episode.npz"))
+    np.testing.assert_array_equal(recorded.goal[-1], env.goal.ravel())
 
 
 def test_every_field_of_a_trace_is_saved():

@@ -105,7 +105,7 @@ def rollout(
             rows["acceleration"].append(scene.robot.acceleration)
             rows["jerk"].append(info["jerk"])
             rows["nominal"].append(info["jerk"] if decision is None else decision.nominal)
-            rows["goal"].append(base.goal)
+            rows["goal"].append(base.goal.ravel())
             rows["reward"].append(float(reward))
             rows["success"].append(info["success"])
             rows["limit_violation"].append(info["limit_violation"])
