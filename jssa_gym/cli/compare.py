@@ -29,7 +29,7 @@ class Compare:
     the first."""
     humans: tuple[str, ...] = ("walk_by", "approach_retreat")
     """People by name."""
-    policies: tuple[str, ...] = ("wander",)
+    policies: tuple[str, ...] = ("jpc",)
     """Policies by name, or package.module:factory."""
     episodes: int = 20
     """Of every combination."""

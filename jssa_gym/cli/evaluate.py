@@ -67,7 +67,7 @@ class Evaluate:
     """Filter by name; with +stop behind it, inside the viability box and the verified stop."""
     human: str = "walk_by"
     """People by name."""
-    policy: str = "wander"
+    policy: str = "jpc"
     """Policy by name, or package.module:factory, called with environment and seed."""
     episodes: int = 100
     """How many."""
