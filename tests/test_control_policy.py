@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 import jssa_gym
 from jssa_gym.control import Phase
 from jssa_gym.envs import ArmEnv
-from jssa_gym.envs.tasks import Home, Reach
+from jssa_gym.envs.tasks import Home, Reach, Track
 from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.humans import ApproachRetreat
 from jssa_gym.policies import POLICIES, JPCPolicy
@@ -183,6 +183,20 @@ def test_an_unreachable_goal_leaves_the_arm_at_rest(robot, caplog):
     _, states = drive(env, JPCPolicy(env, 0), 300, options={"goal": [3.0, 0.0, 1.0]})
     np.testing.assert_array_equal(states[-1, 0], robot.home)
     assert "no posture" in caplog.text
+
+
+@pytest.mark.parametrize("period", [1.5, 1.2, 1.6])
+def test_waypoints_are_tracked_whether_or_not_their_period_is_on_the_grid(period):
+    env = jssa_gym.ArmEnv(Track(period=period), human="none", terminate_on=())
+    policy = JPCPolicy(env, 0, host_delay=0.0)
+    for seed in range(3):
+        observation, info = env.reset(seed=seed)
+        for _ in range(1000):
+            observation, *_, info = env.step(policy(observation))
+            if info["success"]:
+                break
+        assert info["success"]
+        assert info["track/lateness"] < 0.1
 
 
 def test_a_goal_that_comes_within_reach_is_not_kept_waiting():

@@ -1,6 +1,7 @@
 """The paper's nominal controller as a policy: it plans, is interrupted, and resumes."""
 
 import logging
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -72,7 +73,9 @@ class JPCPolicy:
         self._jerk_bound = np.array(self._robot.limits.jerk)
         task = getattr(env.unwrapped, "task", None)
         self._tip = getattr(task, "space", "joints") == "tip"
-        self._period = getattr(task, "period", None)
+        period = getattr(task, "period", None)
+        # up to the grid; what a tick's rounding adds is nobody's lateness
+        self._period = None if period is None else math.ceil(period / self._dt - 1e-6) * self._dt
         self._time = np.inf
 
     def _restart(self) -> None:
