@@ -1,5 +1,7 @@
 """The controller's state machine, against hosts that are slow, silent or confused and a shield that interferes."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -248,12 +250,14 @@ def test_a_replan_that_comes_too_late_is_asked_for_further_ahead(late):
     other = GOAL + 0.2
     arm.jpc.assign()
     waiting: list[tuple[int, Request]] = []
-    seen = None
+    seen, ahead = None, []
     for _ in range(1000):
         request = arm.jpc.request
         if request is not None and request is not seen:
             waiting.append((arm.tick + late, request))
             seen = request
+            if np.any(request.state[1]):  # begins on the plan being tracked, and was asked for a tick ago at most
+                ahead.append(request.begins - arm.tick)
         for due, request in list(waiting):
             if arm.tick >= due:
                 arm.jpc.deliver(request.number, arm.plan(request, other))
@@ -263,6 +267,10 @@ def test_a_replan_that_comes_too_late_is_asked_for_further_ahead(late):
             break
     assert arm.jpc.phase is Phase.IDLE
     np.testing.assert_allclose(arm.state[0], other, atol=1e-6)
+    assert ahead[0] <= arm.jpc.lead
+    assert len(ahead) > 1 or late > 20
+    for one, two in itertools.pairwise(ahead):
+        assert abs(two - 2 * one) <= 2
 
 
 def test_waypoints_that_were_met_are_not_asked_for_again():

@@ -326,3 +326,15 @@ def test_a_plan_cannot_be_changed(robot):
         plan.jerk[0] = 0.0
     with pytest.raises(ValueError, match="read-only"):
         plan.states[0] = 0.0
+
+
+@pytest.mark.parametrize(
+    "spoil", [lambda jerk: jerk * (1.0 + 1e-4), lambda jerk: jerk + 1e-3, lambda jerk: jerk * np.nan]
+)
+def test_what_the_solver_gives_is_not_believed(robot, monkeypatch, spoil):
+    """A plan that misses its waypoint, or rest, is none, whoever made it."""
+    state, goal = rest(robot.home), [np.array(robot.home) + 0.2]
+    plan_waypoints(state, goal, 1.6, robot.limits, DT, shortest=False)
+    monkeypatch.setattr("jssa_gym.control.plan.corrected", lambda *problem: spoil(corrected(*problem)))
+    with pytest.raises(InfeasibleError):
+        plan_waypoints(state, goal, 1.6, robot.limits, DT, shortest=False)

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import runpy
+import zipfile
 from pathlib import Path
 
 import gymnasium as gym
@@ -97,6 +98,8 @@ def test_the_shipped_recording_is_what_the_example_synthesises():
         ({"radius": ["wide"] * 6}, "radius"),
         ({"names": ("head",) * 6}, "name"),
         ({"names": ("", *NAMES[1:])}, "name"),
+        ({"names": None}, "names"),
+        ({"names": "abcdef"}, "names"),
         ({"time": [0.0], "start": np.zeros((1, 6, 3)), "end": np.zeros((1, 6, 3))}, "two samples"),
         ({"start": np.zeros((21, 0, 3)), "end": np.zeros((21, 0, 3)), "radius": [], "names": ()}, "capsule"),
     ],
@@ -124,6 +127,26 @@ def test_every_truncation_of_a_file_is_a_typed_error(tmp_path):
         except RecordingError:
             continue
         same(loaded, stroll(samples=3))
+
+
+@pytest.mark.parametrize("header", [b"'shape': (10000000000000,)", b"'shape': (2, 3", b"'shape': (-2,)"])
+def test_an_array_that_cannot_be_is_a_typed_error(tmp_path, header):
+    """More than any memory holds, or no header that can be read."""
+    text = b"{'descr': '<f8', 'fortran_order': False, " + header + b", }\n"
+    content = b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        for field in ("time", "start", "end", "radius", "names"):
+            archive.writestr(f"{field}.npy", content)
+    with pytest.raises(RecordingError, match=r"a\.npz"):
+        Recording.load(tmp_path / "a.npz")
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path):
+    (tmp_path / "walk.csv").write_text(csv_of(stroll()), encoding="utf-8-sig")
+    same(Recording.load(tmp_path / "walk.csv"), stroll())
+    text = person(np.random.default_rng(0))[0]
+    (tmp_path / "walk.bvh").write_text(text, encoding="utf-8-sig")
+    assert bvh.read(tmp_path / "walk.bvh").names == bvh.parse(text).names
 
 
 def test_no_pickle_is_loaded(tmp_path):
@@ -172,6 +195,9 @@ def test_a_file_that_is_not_there_or_of_another_kind_is_refused(tmp_path, name):
         Recorded(tmp_path / name)
     with pytest.raises(RecordingError, match="npz"):
         stroll().save(tmp_path / "walk.csv")
+    with pytest.raises(RecordingError, match="folder"):
+        stroll().save(tmp_path / "no" / "walk.npz")
+    assert not list(tmp_path.iterdir())
 
 
 # ---- playing ------------------------------------------------------------------------------------------
@@ -275,6 +301,8 @@ def test_clearance_is_kept_between_the_samples_too():
         ({"turn": (1.0, 0.0)}, "turn"),
         ({"turn": (np.nan, 0.0)}, "turn"),
         ({"offset": (0.0, 1.0, 2.0)}, "offset"),
+        ({"offset": 0.1}, "offset"),
+        ({"recording": 5}, "npz"),
         ({"offset": ((0.0, 1.0), (1.0, 0.0))}, "offset"),
         ({"afterwards": "explode"}, "back_and_forth"),
         ({"clearance": -1.0}, "clearance"),
@@ -282,7 +310,7 @@ def test_clearance_is_kept_between_the_samples_too():
     ids=str,
 )
 def test_bad_arguments_are_named(arguments, word):
-    with pytest.raises(ParameterError, match=word):
+    with pytest.raises(RecordingError if "recording" in arguments else ParameterError, match=word):
         Recorded(**arguments)
 
 
@@ -530,10 +558,15 @@ def test_bad_arguments_of_the_conversion_are_named(tmp_path):
         ({"up": "x"}, "up"),
         ({"joints": {"tail": ("a", "b")}}, "tail"),
         ({"start": (1.0, np.nan)}, "start"),
+        ({"joints": ["head"]}, "joints"),
+        ({"joints": {"head": "Head"}}, "two joints"),
+        ({"joints": {"head": ("Head", 5)}}, "two joints"),
     ):
         with pytest.raises(ParameterError, match=word):
             bvh.convert(skeleton, **arguments)
     with pytest.raises(RecordingError, match="two frames"):
         bvh.convert(dataclasses.replace(skeleton, frames=skeleton.frames[:1]))
+    with pytest.raises(RecordingError, match="BVH file"):
+        bvh.convert(5)
     with pytest.raises(RecordingError, match="nowhere"):
         bvh.convert(tmp_path / "nowhere.bvh")

@@ -9,10 +9,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jssa_gym.envs.closest import Closest
 from jssa_gym.envs.describe import arm_features, describe
 from jssa_gym.envs.observation import Observation
 from jssa_gym.envs.options import check_arguments, checked_options
+from jssa_gym.envs.surroundings import Closest, Surroundings
 from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Progress, Task, make_task
 from jssa_gym.envs.world import SCENES, World, planes_of
 from jssa_gym.exceptions import InvalidActionError, ParameterError
@@ -20,11 +20,9 @@ from jssa_gym.headless import has_display
 from jssa_gym.humans import HumanMotion, make_human, nobody
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
-from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, records
-from jssa_gym.kernels.tick import fill_observation, tick
+from jssa_gym.kernels.tick import fill_observation
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.action import checked_action
-from jssa_gym.safety.proximity import TRUTH, records_for
 from jssa_gym.types import Array, CapsuleSet, JointState, Scene
 from jssa_gym.validation import positive_number
 
@@ -36,9 +34,6 @@ MOVING = 1e-3
 
 _START_CLEARANCE = 0.1
 """Smallest robot-human distance that an episode starts with [m]."""
-
-_LIMIT_TOLERANCE = 1e-9
-"""Share of a limit by which it may be exceeded before ``limit_violation`` says so: rounding."""
 
 
 class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  # its docstring is made below
@@ -84,18 +79,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
 
         n, limits = self.robot.n, self.robot.limits
         self._jerk_bound = np.array(limits.jerk)
-        self._bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
         self._zero = np.zeros(n)
-        self._parameters = TRUTH.array()
-        self._frames, self._segments = records(n, FRAME), records(len(self.robot.capsules), SEGMENT)
-        self._agents, self._pairs = records(0, AGENT), records((len(self.robot.capsules), 0), PAIR)
-        self._age, self._valid = np.zeros(0), np.ones(0, np.bool_)
-        self._near, self._tip = np.zeros(13), np.zeros((2, 3))
         # the people as they would begin some episode: how many capsules there are, and whether the goal is among them
         rehearsal = make_human(self.human).reset(np.random.default_rng(0))
         self.task.follow(np.zeros(0), rehearsal)
         parts = len(rehearsal.radius) // max(self.human.people, 1)
-        self._parts = np.zeros(max(parts, 1))
+        self._around = Surroundings(self.robot, parts)
         self._static = nobody()
         self._observation = Observation((*arm_features(self.robot, max(parts, 1)), *self.task.features(self.robot)))
         self._scaling = self._observation.scaling(
@@ -132,18 +121,15 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
                 self._people,
                 self._static,
                 self.planes,
-                self._age.copy(),
-                self._valid.copy(),
+                np.zeros(len(self._people.radius)),
+                np.ones(len(self._people.radius), np.bool_),
             )
         return self._scene
 
     @property
     def closest(self) -> Closest:
         """Truth about the closest robot-human pair, of the simulated arm."""
-        near = self._near
-        return Closest(
-            float(near[0]), float(near[1]), float(near[2]), self._closest[0], self._closest[1], float(near[3])
-        )
+        return self._around.closest
 
     @property
     def goal(self) -> Array:
@@ -153,16 +139,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
     @property
     def robot_capsules(self) -> CapsuleSet:
         """The arm's capsules in the world, with velocities; what reacting people see."""
-        segments = self._segments
-        return CapsuleSet(
-            segments["start"].copy(),
-            segments["end"].copy(),
-            segments["start_velocity"].copy(),
-            segments["end_velocity"].copy(),
-            segments["radius"].copy(),
-            self.robot.capsule_names,
-            np.zeros(len(segments), np.int64),
-        )
+        return self._around.robot_capsules
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -184,14 +161,15 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             goal = self.task.draw_goal(self.np_random, self.robot, self.planes)
         for _ in range(100):
             self._begin(position, goal, self.human.reset(self.np_random, start))
-            _, distance, contact_speed, _ = self._look(self._state, self._zero, 0.0)
+            _, distance, contact_speed, _ = self._around.move(self._state, self._zero, 0.0)
             # nobody begins within reach of contact, unless the user puts them there
             if distance >= _START_CLEARANCE or start is not None:
                 break
         if self.dynamics == "servo":
             self.world.servo_reset(position)
         info = self._info(np.zeros(self.robot.n), distance, contact_speed, False, False)
-        moment = Moment(position, self._tip[0], self._tip_speed, self._zero, distance, False, self._progress)
+        around = self._around
+        moment = Moment(position, around.tip[0], around.tip_speed, self._zero, distance, False, self._progress)
         if self._evolves:
             self._goal = self.task.follow(self._goal, self._people)
             info |= self.task.metrics(self.task.value(self._goal, moment), moment)
@@ -206,51 +184,10 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self._goal, self._progress = goal, Progress(position)
         self._time, self._steps, self._held = 0.0, 0, 0
         self._take_people(people)
-        self._closest = (-1, -1)
-        self._tip_speed = 0.0
-
-    def _look(self, before: Array, jerk: Array, dt: float) -> tuple[Array, float, float, bool]:
-        """Move a joint state on and measure the arm against the people as they are now.
-
-        Returns:
-            The joint state after ``dt``, shape (3, n), the smallest distance [m], the largest speed of a touching
-            point [m/s], and whether state or jerk exceeds a limit.
-        """
-        robot, people, after = self.robot, self._people, np.empty_like(before)
-        row, column, distance, contact_speed, self._tip_speed, violation = tick(
-            robot.links,
-            robot.capsules,
-            robot.tool_link,
-            robot.tool_offset,
-            before,
-            jerk,
-            dt,
-            self._bounds,
-            _LIMIT_TOLERANCE,
-            people.start,
-            people.end,
-            people.start_velocity,
-            people.end_velocity,
-            people.radius,
-            self._parameters,
-            after,
-            self._agents,
-            self._frames,
-            self._segments,
-            self._pairs,
-            self._near,
-            self._parts,
-            self._tip,
-        )
-        self._closest = (row, column)
-        return after, distance, contact_speed, violation
 
     def _take_people(self, people: CapsuleSet) -> None:
         self._people, self._scene = people, None
-        self._agents = records_for(people, self._agents)
-        if self._pairs.shape[1] != len(self._agents):
-            self._age, self._valid = np.zeros(len(self._agents)), np.ones(len(self._agents), np.bool_)
-            self._pairs = records((len(self._segments), len(self._agents)), PAIR)
+        self._around.take(people)
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Apply a joint jerk for one control step.
@@ -265,18 +202,19 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         jerk = np.empty(self.robot.n)
         if not scale_action(fraction, self._jerk_bound, jerk):
             raise InvalidActionError(f"an action has to be finite, got {action!r}")
-        self._take_people(self.human.step(self.dt, self.robot_capsules if self.human.reacts else self._static))
+        around = self._around
+        self._take_people(self.human.step(self.dt, around.robot_capsules if self.human.reacts else self._static))
         self._steps += 1
         self._time = self._steps * self.dt
         before = self._state
-        self._state, distance, contact_speed, violation = self._look(before, jerk, self.dt)
+        self._state, distance, contact_speed, violation = around.move(before, jerk, self.dt)
         self._actual = self._state
         if self.dynamics == "servo":
             actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
-            self._actual, distance, contact_speed, _ = self._look(actual, self._zero, 0.0)
+            self._actual, distance, contact_speed, _ = around.move(actual, self._zero, 0.0)
 
         moving = contact_speed > MOVING
-        moment = Moment(self._actual[0], self._tip[0], self._tip_speed, fraction, distance, moving, self._progress)
+        moment = Moment(self._actual[0], around.tip[0], around.tip_speed, fraction, distance, moving, self._progress)
         if self._evolves:
             moment = self._evolve(moment)
         value = self.task.value(self._goal, moment)
@@ -331,11 +269,11 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
 
     def _observed(self, moment: Moment) -> NDArray[np.float32]:
         # with servos the policy sees the commanded joints, as the shield does; the tip is the simulated one's
-        state, out = self._state, np.empty(self._observation.size, np.float32)
+        state, around, out = self._state, self._around, np.empty(self._observation.size, np.float32)
         if self._actual is not state:
             moment = moment._replace(position=state[0])
         goal = self.task.observe(self._goal, moment)
-        fill_observation(state, self._tip, self._near, self._parts, goal, self._scaling, out)
+        fill_observation(state, around.tip, around.near, around.parts, goal, self._scaling, out)
         return out
 
     def render(self) -> Any:
@@ -344,10 +282,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             gym.logger.warn("render() does nothing without a render_mode; pass render_mode='rgb_array'")
             return None
         goal = self._goal if self._goal.shape == (3,) else None
-        near = self._near
-        pair = (near[7:10] - near[4:7], near[7:10]) if self._closest[0] >= 0 else None
         draw = self.world.show if self.render_mode == "human" else self.world.picture
-        return draw(self._actual[0], self._people, pair=pair, goal=goal)
+        return draw(self._actual[0], self._people, pair=self._around.line, goal=goal)
 
     def close(self) -> None:
         """Free renderer and window; the environment can still be stepped."""

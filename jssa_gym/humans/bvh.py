@@ -9,6 +9,7 @@ An arm becomes one straight capsule from shoulder to hand, a leg one from hip to
 elbow or a knee that is bent leaves it.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,9 +95,11 @@ def read(path: str | Path) -> Skeleton:
     Raises:
         RecordingError: There is no such file, or it is not BVH; the message says what was expected and where.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise RecordingError(f"a skeleton is read from a BVH file, got {path!r}")
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"cannot read {path}: {error}") from error
     try:
@@ -230,9 +233,13 @@ def convert(
     """
     if not isinstance(skeleton, Skeleton):
         skeleton = read(skeleton)
-    chosen = {} if joints is None else dict(joints)
-    for part in chosen:
+    chosen = {} if joints is None else joints
+    if not isinstance(chosen, Mapping):
+        raise ParameterError(f"joints has to be body parts and the names of their two joints, got {joints!r}")
+    for part, pair in chosen.items():
         known_name("body part in joints", part, JOINTS)
+        if isinstance(pair, str) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+            raise ParameterError(f"joints[{part!r}] has to be the names of two joints, got {pair!r}")
     ends = [_ends_of(skeleton, part, chosen.get(part)) for part in JOINTS]
     turn = _UP[known_name("up", up, _UP)] * positive_number("scale", scale)
     where = real_array("start", start, (2,), "a point on the floor [m]")

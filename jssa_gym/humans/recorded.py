@@ -74,7 +74,7 @@ class Recorded(HumanMotion):
             recording = Recording.load(REACH_AND_RETREAT if recording is None else recording)
         self.recording, self.afterwards = recording, known_name("afterwards", afterwards, _AFTERWARDS)
         self.turn = low_high("turn", turn, -np.inf)
-        if len(offset) != 2:
+        if not isinstance(offset, Sequence | np.ndarray) or len(offset) != 2:
             raise ParameterError(f"offset has to be ((low, high), (low, high)), got {offset!r}")
         self.offset = low_high("offset", offset[0], -np.inf), low_high("offset", offset[1], -np.inf)
         self.clearance = number_within("clearance", clearance, 0.0)

@@ -10,8 +10,10 @@ import csv
 import io
 import os
 import tempfile
+import tokenize
 import zipfile
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,8 @@ _MALFORMED = (
     EOFError,
     NotImplementedError,
     RuntimeError,
+    MemoryError,
+    tokenize.TokenError,
     zipfile.BadZipFile,
     zlib.error,
 )
@@ -63,6 +67,8 @@ class Recording:
     def __post_init__(self) -> None:
         for name in _FIELDS[:-1]:
             object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+        if isinstance(self.names, str) or not isinstance(self.names, Iterable):
+            raise RecordingError(f"names has to be one string a capsule, got {self.names!r}")
         object.__setattr__(self, "names", tuple(str(name) for name in self.names))
         count, parts = self.time.size, len(self.names)
         shapes = {"time": (count,), "start": (count, parts, 3), "end": (count, parts, 3), "radius": (parts,)}
@@ -116,7 +122,7 @@ class Recording:
         Raises:
             RecordingError: There is no such file, or it is not a sound recording.
         """
-        path = Path(path)
+        path = _path(path)
         readers = {".npz": _read_npz, ".csv": _read_csv}
         if path.suffix not in readers:
             raise RecordingError(f"a recording is an .npz or .csv file, got {str(path)!r}")
@@ -131,11 +137,13 @@ class Recording:
         """Write an ``.npz`` file, to a temporary name first.
 
         Raises:
-            RecordingError: The name does not end in ``.npz``.
+            RecordingError: The name does not end in ``.npz``, or its folder does not exist.
         """
-        path = Path(path)
+        path = _path(path)
         if path.suffix != ".npz":
             raise RecordingError(f"a recording is written to an .npz file, got {str(path)!r}")
+        if not path.parent.is_dir():
+            raise RecordingError(f"there is no folder {path.parent}")
         handle, part = tempfile.mkstemp(suffix=".npz", dir=path.parent)
         os.close(handle)
         try:
@@ -145,6 +153,12 @@ class Recording:
             Path(part).replace(path)
         finally:
             Path(part).unlink(missing_ok=True)
+
+
+def _path(path: Any) -> Path:
+    if not isinstance(path, str | os.PathLike):
+        raise RecordingError(f"a recording is an .npz or .csv file, got {path!r}")
+    return Path(path)
 
 
 def _numbers(name: str, value: Any) -> Array:
@@ -182,7 +196,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 def _read_csv(path: Path) -> dict[str, Any]:
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
             header, *lines = [line for line in csv.reader(file) if line] or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise RecordingError(f"cannot be read: {error}") from error

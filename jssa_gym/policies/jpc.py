@@ -93,9 +93,9 @@ class JPCPolicy:
         if scene.time <= self._time:  # a clock that went back is a new episode's
             self._restart()
         self._time = scene.time
-        goal = getattr(self._env.unwrapped, "goal", self._robot.home)
+        goal = np.asarray(getattr(self._env.unwrapped, "goal", self._robot.home), float)
         if goal.shape != self._goal.shape or self._has_moved(goal):
-            self._goal, self._refused = np.array(goal, float), False
+            self._goal, self._refused = np.array(goal), False
             self.jpc.assign()
         if self._due:
             self._answer(scene.planes)
