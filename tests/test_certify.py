@@ -229,7 +229,7 @@ def test_what_a_search_finds_on_the_edge_of_its_part_ends_the_part():
         {"tip_speed": part.tip_speed},
         {"distance": near - 1e-16},
         {"distance": far},
-        {"authority": part.authority * (1.0 - 1e-16)},
+        {"authority": part.authority},
     ):
         there = one._replace(**{name: np.array([value]) for name, value in {**middle, **changed}.items()})
         assert largest_part(mark(counts, link.domain, there, part), link.domain) != part
@@ -390,8 +390,18 @@ def test_an_interrupted_certificate_goes_on(tmp_path, monkeypatch):
     again = certify(ROBOT, PAPER, states=600, folder=tmp_path, progress=counted.append, **asked)
     assert again.plain() == whole
     assert counted == [500, 100]
+    # what was cut off has gone, and everything is there
+    assert [json.loads(line)[0] for line in file.read_text().splitlines()[1:]] == [
+        ["wrist_tool", 0, 500],
+        ["wrist_tool", 1, 100],
+    ]
     with pytest.raises(ParameterError, match=r"another certificate.*index"):
         certify(ROBOT, IndexParams(), states=1000, folder=tmp_path, **asked)
+    # another arm of the same name has other counts
+    longer = ROBOT.capsules.copy()
+    longer["radius"] += 0.001
+    with pytest.raises(ParameterError, match=r"another certificate.*model"):
+        certify(replace(ROBOT, capsules=longer), PAPER, states=600, folder=tmp_path, **asked)
     file.write_text(file.read_text() + "{}\n")
     with pytest.raises(ParameterError, match="no count"):
         certify(ROBOT, PAPER, states=600, folder=tmp_path, **asked)
