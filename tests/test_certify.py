@@ -18,7 +18,7 @@ from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.robots import lr_mate_200id_7l
 from jssa_gym.safety.boundary import KEPT, Boundary, Domain
-from jssa_gym.safety.census import Census, largest_part, mark
+from jssa_gym.safety.census import Census, Counts, largest_part, mark
 from jssa_gym.safety.certify import certify, moved_capsules
 from jssa_gym.safety.chunks import Chunk, generator, run
 from jssa_gym.safety.condition import fastest_approach, needed_jerk, propose, suffices
@@ -151,6 +151,9 @@ def test_censuses_add_up():
     whole, total = Census.of(link, looks, draws), Census.total(Census.of(link, half, draws // 2) for half in halves)
     assert whole.plain() == {**total.plain(), "draws": draws}
     assert Census.read(json.loads(json.dumps(whole.plain()))).plain() == whole.plain()
+    outside = looks.rate < fastest_approach(PAPER, looks.distance)
+    assert whole.outside == outside.sum() > 0
+    assert whole.infeasible_inside == (looks.infeasible & ~outside).sum() < whole.infeasible
     assert whole.counts.states.sum() == 3000
     assert whole.counts.infeasible.sum() == whole.infeasible > 0
     assert -looks.ahead.max() == -whole.worst[0, 0]
@@ -196,20 +199,42 @@ def test_a_part_that_withstood_its_search_holds_no_state_that_was_found_before()
         assert weak or not (slow and near <= worst.distance < far)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_certificate_does_not_hold_where_the_search_in_a_part_found_a_counter_example(seed):
+    # at rest, but for joints near their limits
+    domain = replace(REST, viable=True)
+    link = certify(ROBOT, PAPER, domain=domain, capsules=("wrist_tool",), states=500, seed=seed).links[0]
+    assert link.holds == (link.worst.ahead <= KEPT)
+    assert link.infeasible.k == 0 < link.searched
+    assert not link.holds
+    lower, upper = box(link.worst.joints)
+    assert (
+        min(index_after(link.worst, np.array(jerk)) for jerk in itertools.product(*zip(lower, upper, strict=True)))
+        > KEPT
+    )
+
+
 def test_what_a_search_finds_on_the_edge_of_its_part_ends_the_part():
     link = boundary()
-    looks, _ = link.sample(2000, np.random.default_rng(0))
-    counts = Census.of(link, looks.pick(~looks.infeasible), 0).counts
-    for _ in range(3):
-        part = largest_part(counts, link.domain)
-        near, far = part.distance
-        one = looks.pick(np.arange(1))
-        edge = np.array([part.tip_speed]), np.array([part.authority])
-        for distance in (near - 1e-16, far):
-            there = one._replace(tip_speed=edge[0], distance=np.array([distance]), authority=edge[1])
-            assert largest_part(mark(counts, link.domain, there, part), link.domain) != part
-        counts = mark(counts, link.domain, there, part)
-    assert counts.infeasible.sum() == 3
+    one = link.sample(1, np.random.default_rng(0))[0]
+    states = np.ones((8, 8, 7), np.int64)
+    infeasible = states.copy()
+    infeasible[:3, 2:5, 3:] = 0
+    counts = Counts(states, infeasible)
+    part = largest_part(counts, link.domain)
+    near, far = part.distance
+    assert (part.states, part.tip_speed, part.authority) == (36, 0.375, 10.0)
+    middle = {"tip_speed": 0.1, "distance": (near + far) / 2.0, "authority": 30.0}
+    for changed in (
+        {"tip_speed": part.tip_speed},
+        {"distance": near - 1e-16},
+        {"distance": far},
+        {"authority": part.authority},
+    ):
+        there = one._replace(**{name: np.array([value]) for name, value in {**middle, **changed}.items()})
+        assert largest_part(mark(counts, link.domain, there, part), link.domain) != part
+        marked = mark(counts, link.domain, there, part).infeasible
+        assert marked.sum() == infeasible.sum() + 1
 
 
 def test_shares_add_up():
@@ -365,8 +390,18 @@ def test_an_interrupted_certificate_goes_on(tmp_path, monkeypatch):
     again = certify(ROBOT, PAPER, states=600, folder=tmp_path, progress=counted.append, **asked)
     assert again.plain() == whole
     assert counted == [500, 100]
+    # what was cut off has gone, and everything is there
+    assert [json.loads(line)[0] for line in file.read_text().splitlines()[1:]] == [
+        ["wrist_tool", 0, 500],
+        ["wrist_tool", 1, 100],
+    ]
     with pytest.raises(ParameterError, match=r"another certificate.*index"):
         certify(ROBOT, IndexParams(), states=1000, folder=tmp_path, **asked)
+    # another arm of the same name has other counts
+    longer = ROBOT.capsules.copy()
+    longer["radius"] += 0.001
+    with pytest.raises(ParameterError, match=r"another certificate.*model"):
+        certify(replace(ROBOT, capsules=longer), PAPER, states=600, folder=tmp_path, **asked)
     file.write_text(file.read_text() + "{}\n")
     with pytest.raises(ParameterError, match="no count"):
         certify(ROBOT, PAPER, states=600, folder=tmp_path, **asked)

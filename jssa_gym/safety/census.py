@@ -201,7 +201,6 @@ def mark(counts: Counts, domain: Domain, looks: Looks, part: Part | None = None)
         looks = looks._replace(
             tip_speed=np.minimum(looks.tip_speed, np.nextafter(part.tip_speed, 0.0)),
             distance=np.clip(looks.distance, near, np.nextafter(far, near)),
-            authority=np.maximum(looks.authority, part.authority),
         )
     return counts._replace(infeasible=counts.infeasible + _counted(_bins(domain, looks)))
 

@@ -21,7 +21,7 @@ from jssa_gym.safety.census import Census, Part, Shares, approach_bound, largest
 from jssa_gym.safety.chunks import Chunk, ChunkFile, Key, generator, run
 from jssa_gym.safety.condition import fastest_approach, needed_jerk
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.safety.search import kept_part, worsen
+from jssa_gym.safety.search import Kept, kept_part, worsen
 from jssa_gym.validation import known_name, positive_integer, positive_number, whole_number
 
 _CHUNK = 50_000
@@ -229,11 +229,14 @@ def _link(boundary: Boundary, census: Census, seed: int, search: bool) -> LinkCe
     drawn = boundary.look(genes)
     worst = worsen(boundary, genes, rng) if search else drawn
     sampled = largest_part(census.counts, boundary.domain)
-    part, searched = None, 0
+    kept = Kept(None, 0, None)
     if search:
         # what the search in the whole domain found is in no part without a counter-example
         known = mark(census.counts, boundary.domain, worst.pick(worst.infeasible))
-        part, searched = kept_part(boundary, known, rng)
+        kept = kept_part(boundary, known, rng)
+        # and what the search in a part found is a counter-example in the domain
+        if kept.worst is not None and kept.worst.ahead[0] > worst.ahead[0]:
+            worst = kept.worst
     return LinkCertificate(
         capsule=boundary.capsule,
         infeasible=Rate.of(census.infeasible, census.states),
@@ -246,6 +249,6 @@ def _link(boundary: Boundary, census: Census, seed: int, search: bool) -> LinkCe
         enough=Rate.of(census.infeasible_enough, census.enough) if census.enough else None,
         by=shares(census.counts, boundary.domain),
         sampled_part=sampled,
-        part=part,
-        searched=searched,
+        part=kept.part,
+        searched=kept.searched,
     )

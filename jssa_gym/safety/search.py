@@ -1,6 +1,7 @@
 """Local search for the states in which an index is hardest to keep."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,25 +52,35 @@ def worsen(boundary: Boundary, genes: Array, rng: np.random.Generator) -> Looks:
     return looks.pick(np.argsort(-looks.ahead, kind="stable"))
 
 
-def kept_part(boundary: Boundary, counts: Counts, rng: np.random.Generator) -> tuple[Part | None, int]:
+class Kept(NamedTuple):
+    """What a search for a part of a domain without an infeasible state came to."""
+
+    part: Part | None
+    """None if none is left."""
+    searched: int
+    """How many parts a counter-example ended."""
+    worst: Looks | None
+    """The worst of those counter-examples, one state; None without any."""
+
+
+def kept_part(boundary: Boundary, counts: Counts, rng: np.random.Generator) -> Kept:
     """The largest part of the domain without an infeasible state that was drawn or that a search in it finds.
 
     A search begins with the worst of some fresh states; what it finds counts as drawn, and the next largest part
     without it is searched.
-
-    Returns:
-        The part, None if none is left, and how many counter-examples it took.
     """
-    domain = boundary.domain
-    for found in range(_ROUNDS):
-        part = largest_part(counts, domain)
+    worst: Looks | None = None
+    for searched in range(_ROUNDS):
+        part = largest_part(counts, boundary.domain)
         if part is None:
-            return None, found
-        worst = _worst_in(boundary, part, rng)
-        if worst is None or not worst.infeasible[0]:
-            return part, found
-        counts = mark(counts, domain, worst.pick(worst.infeasible), part)
-    return None, _ROUNDS
+            return Kept(None, searched, worst)
+        found = _worst_in(boundary, part, rng)
+        if found is None or not found.infeasible[0]:
+            return Kept(part, searched, worst)
+        counts = mark(counts, boundary.domain, found.pick(found.infeasible), part)
+        if worst is None or found.ahead[0] > worst.ahead[0]:
+            worst = found.pick(np.arange(1))
+    return Kept(None, _ROUNDS, worst)
 
 
 def _worst_in(boundary: Boundary, part: Part, rng: np.random.Generator) -> Looks | None:
