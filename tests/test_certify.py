@@ -11,12 +11,13 @@ from scipy.integrate import solve_ivp
 import jssa_gym
 from jssa_gym.evaluation import judge
 from jssa_gym.evaluation.counterexample import load_counterexample, play_on, save_counterexample
-from jssa_gym.exceptions import ParameterError, TraceError
+from jssa_gym.exceptions import MissingExtraError, ParameterError, TraceError
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.index import advance, assess
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.robots import lr_mate_200id_7l
+from jssa_gym.safety import lambda_map
 from jssa_gym.safety.boundary import KEPT, Boundary, Domain
 from jssa_gym.safety.census import Census, Counts, largest_part, mark
 from jssa_gym.safety.certify import certify, moved_capsules
@@ -337,11 +338,24 @@ def test_the_shield_cannot_keep_the_worst_state_and_mujoco_sees_the_same(tmp_pat
     assert trace.status[0] == jssa_gym.Status.RELAXED
     lower, upper = box(shoulder.joints)
     assert np.all((lower <= trace.jerk[0]) & (trace.jerk[0] <= upper))
+    # the person walks on from where the state has them, and distances are MuJoCo's as well
+    walked = shoulder.centre + trace.time[:, None] * shoulder.velocity
+    np.testing.assert_allclose(trace.human_start[:, 0], walked, atol=1e-12)
+    assert np.linalg.norm(walked[-1] - shoulder.centre) > 0.01
     assert judge(trace, ROBOT).agrees
     again, index, found, viable = load_counterexample(tmp_path / "worst.npz")
     assert (index, viable, found.capsule) == (PAPER, True, "upper_arm")
     repeated = play_on(ROBOT, index, found, dt=again.dt, viable=viable)
     assert repeated.jerk.tobytes() == trace.jerk.tobytes() == again.jerk.tobytes()
+
+
+def test_the_shield_has_the_jerk_that_the_state_was_judged_by():
+    # at rest it is the joints' limits that take away the jerk that would keep it
+    domain = replace(REST, viable=True)
+    found = certify(ROBOT, PAPER, domain=domain, capsules=("wrist_tool",), states=500).links[0].worst
+    assert play_on(ROBOT, PAPER, found, ticks=1).phi[0] == pytest.approx(found.ahead, abs=1e-3)
+    assert play_on(ROBOT, PAPER, found, ticks=1).phi[0] > KEPT
+    assert play_on(ROBOT, PAPER, found, ticks=1, viable=False).phi[0] <= KEPT
 
 
 def test_a_feasible_state_is_kept_by_the_shield():
@@ -524,10 +538,6 @@ def test_the_map_names_the_pair_that_loses_least():
         assert 0.5 <= cell.lambda1 <= 8.0
         assert 0.05 <= cell.lambda2 <= 8.0
     assert any(cell.lost["wrist_tool"].k > cell.infeasible["wrist_tool"].k for cell in swept.cells)
-    # the best of a grid is drawn again in the finer one: a cell of the first grid has more states for it
-    ones, twos = swept.grid
-    first = [cell for cell in swept.cells if cell.lambda1 in ones and cell.lambda2 in twos]
-    assert any(cell.lost["wrist_tool"].n > 60 for cell in first)
     assert swept.best.lost["wrist_tool"].n > 60
     with pytest.raises(ParameterError, match="trigger"):
         sweep(ROBOT, grid=2, states=20, lambda1=(4.0, 8.0), capsules=("wrist_tool",))
@@ -535,6 +545,27 @@ def test_the_map_names_the_pair_that_loses_least():
         sweep(ROBOT, lambda2=(0.0, 1.0))
     with pytest.raises(ParameterError, match="grid"):
         sweep(ROBOT, grid=1)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.25])
+def test_a_finer_grid_holds_the_best_pair_itself(share):
+    axis = np.geomspace(0.5, 8.0, 5)
+    inside = lambda_map._around(axis, axis[2], share)
+    assert inside[2] == axis[2]  # to the bit, or the first, luckier, draw would be kept beside it
+    np.testing.assert_allclose(inside[1:] / inside[:-1], 2.0**share)
+    for edge in (axis[0], axis[-1]):
+        near = lambda_map._around(axis, edge, share)
+        assert len(near) == 3
+        assert edge in near
+        assert np.all((axis[0] <= near) & (near <= axis[-1]))
+
+
+@pytest.mark.parametrize("arguments", [("--sweep",), ("--sweep", "--json")], ids=str)
+def test_the_map_says_at_once_what_to_install(tmp_path, capsys, monkeypatch, arguments):
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(MissingExtraError, match=r"jssa-gym\[plots\]"):
+        command(capsys, *arguments, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_generators_have_nothing_in_common():
@@ -589,6 +620,13 @@ def test_the_command_fails_where_there_are_counter_examples_and_replays_them(tmp
     assert code == 0
     assert played["infeasible"] and played["same"] and played["mujoco_agrees"]  # noqa: PT018
     assert played["ticks"][0]["phi"] > KEPT
+    with np.load(recording) as archive:
+        fields = dict(archive)
+    fields["phi"][3] += 1e-6
+    np.savez(tmp_path / "touched.npz", **fields)
+    code, printed = command(capsys, "--replay", tmp_path / "touched.npz", "--json")
+    assert code == 1
+    assert not json.loads(printed)["same"]
     code, printed = command(capsys, "--replay", recording)
     assert code == 0
     assert "no jerk keeps all rows" in printed
