@@ -14,31 +14,8 @@ import gymnasium as gym
 import numpy as np
 
 import jssa_gym
-from jssa_gym.control import Cascade
 from jssa_gym.humans import Receive
-from jssa_gym.kernels.chain import forward, jacobian, tool_motion
-from jssa_gym.kernels.records import FRAME, records
-
-
-class StraightPolicy:
-    """Moves the tool centre point towards the environment's goal by damped inverse kinematics, slower near it."""
-
-    def __init__(self, env, gain=2.5, fastest=0.6, damping=0.1):
-        self._env, self._robot = env, env.get_wrapper_attr("robot")
-        self._gain, self._fastest, self._damping = gain, fastest, damping
-        self._cascade = Cascade(self._robot.limits, share=1.0)
-        self._frames, self._tip = records(self._robot.n, FRAME), np.zeros((2, 3))
-        self._jacobian = np.zeros((3, self._robot.n))
-
-    def __call__(self, observation):
-        state, robot, J = self._env.get_wrapper_attr("scene").robot, self._robot, self._jacobian
-        forward(robot.links, np.array([state.position, state.velocity, state.acceleration]), self._frames)
-        tool_motion(self._frames, robot.tool_link, robot.tool_offset, self._tip)
-        jacobian(self._frames, robot.tool_link, self._tip[0], J)
-        way = self._env.get_wrapper_attr("goal") - self._tip[0]
-        speed = min(self._gain, self._fastest / max(np.linalg.norm(way), 1e-9))
-        velocity = J.T @ np.linalg.solve(J @ J.T + self._damping**2 * np.eye(3), speed * way)
-        return self._cascade.jerk_at_speed(state, velocity) / robot.limits.jerk
+from jssa_gym.policies import POLICIES
 
 
 def shields():
@@ -54,9 +31,6 @@ def shields():
     for d_min in (0.02, 0.09, 0.15):
         options = {"lambda1": 1.0, "lambda2": 0.1, "d_min": d_min, "failsafe": allowed}
         yield f"λ (1, 0.1), contact 0.25, d_min {d_min:g}", lambda env, o=options: jssa_gym.JSSAShield(env, **o)
-
-
-POLICIES = {"straight": StraightPolicy, "jpc": lambda env: jssa_gym.JPCPolicy(env, seed=0)}
 
 
 def play(env, policy, seed, steps):
@@ -78,7 +52,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--episodes", type=int, default=40)
     parser.add_argument("--seconds", type=float, default=8.0)
-    parser.add_argument("--policy", choices=POLICIES, default="straight")
+    parser.add_argument("--policy", choices=("straight", "jpc"), default="straight")
     parser.add_argument("--only", nargs="*", default=[""], help="shields whose name contains one of these")
     parser.add_argument("--stay", type=float, help="how long the hand is held out [s]; the task's own without")
     arguments = parser.parse_args()
@@ -92,7 +66,7 @@ def main():
             continue
         human = None if arguments.stay is None else Receive(stay=(arguments.stay, arguments.stay))
         env = wrap(gym.make("jssa_gym/Handover-v0", human=human, terminate_on=(), max_episode_steps=steps + 1))
-        policy = POLICIES[arguments.policy](env)
+        policy = POLICIES[arguments.policy](env, 0)
         seen = [play(env, policy, seed, steps) for seed in range(arguments.episodes)]
         times = sorted(arguments.seconds if time is None else time for time, *_ in seen)
         won = sum(time is not None for time, *_ in seen)

@@ -17,8 +17,10 @@ from jssa_gym.policies import (
     LimitSeekingPolicy,
     RandomPolicy,
     SteeredPolicy,
+    StraightPolicy,
     WanderPolicy,
 )
+from jssa_gym.safety.postures import tool_point
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import JointState
 
@@ -127,7 +129,7 @@ class TestEveryPolicy:
     def test_a_seed_fixes_it(self, name):
         one, two, other = (unshielded(lambda env, k=k: POLICIES[name](env, k), steps=150)[0] for k in (1, 1, 2))
         np.testing.assert_array_equal(one, two)
-        if name not in ("hold", "chase", "jpc"):  # jpc: at home there is nothing to draw
+        if name not in ("hold", "chase", "straight", "jpc"):  # jpc: at home there is nothing to draw
             assert not np.array_equal(one, other)
 
     def test_it_serves_episode_after_episode_under_a_shield(self, name):
@@ -340,3 +342,49 @@ def test_the_cascade_clips_its_target_to_the_position_limits(robot):
 def test_bad_gains_are_refused(robot, arguments, word):
     with pytest.raises(ParameterError, match=word):
         Cascade(robot.limits, **arguments)
+
+
+@pytest.mark.parametrize("task", ["reach", "handover"])
+def test_straight_brings_the_tool_to_the_goal_on_a_line(task):
+    env = jssa_gym.ArmEnv(task, human="none" if task == "reach" else None, terminate_on=())
+    policy, arrived = POLICIES["straight"](env, None), 0
+    for seed in range(4):
+        observation, info = env.reset(seed=seed)
+        begin = before = tool_point(env.robot, env.scene.robot.position)
+        goal, aside = env.goal, 0.0
+        for _ in range(700):
+            observation, *_, info = env.step(policy(observation))
+            way = (goal - begin) / np.linalg.norm(goal - begin)
+            tip = tool_point(env.robot, env.scene.robot.position)
+            assert np.linalg.norm(tip - before) < 1.0 * env.dt
+            off, before = tip - begin, tip
+            aside = max(aside, np.linalg.norm(off - off.dot(way) * way))
+            assert not info["limit_violation"]
+            if info["success"]:
+                arrived += 1
+                break
+        if task == "reach" and info["success"]:
+            assert aside < 0.25 * np.linalg.norm(goal - begin) + 0.02
+    assert arrived >= 3
+
+
+def test_straight_creeps_where_a_shield_lets_it():
+    """The controller that plans is stopped short beside a person; this one arrives, slowly."""
+    env = gym.make("jssa_gym/HandoverShielded-v0", terminate_on=())
+    policy = POLICIES["straight"](env, None)
+    observation, _ = env.reset(seed=0)
+    touched, moving = 0, False
+    for _ in range(1000):
+        observation, *_, info = env.step(policy(observation))
+        touched += info["shield/intervened"]
+        moving = moving or info["contact_speed"] > 0.1
+        if info["success"]:
+            break
+    assert info["success"]
+    assert touched > 20
+    assert not moving
+
+
+def test_straight_needs_a_goal():
+    with pytest.raises(ParameterError, match="no goal"):
+        StraightPolicy(gym.make("CartPole-v1"))

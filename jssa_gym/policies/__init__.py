@@ -13,10 +13,15 @@ from jssa_gym.policies.adversarial import (
 )
 from jssa_gym.policies.jpc import JPCPolicy
 from jssa_gym.policies.scripted import HoldPolicy, Policy, RandomPolicy, WanderPolicy
+from jssa_gym.policies.straight import StraightPolicy
 
 
 def _hold(env: gym.Env, seed: int | None = None) -> HoldPolicy:
     return HoldPolicy(env)
+
+
+def _straight(env: gym.Env, seed: int | None = None) -> StraightPolicy:
+    return StraightPolicy(env)
 
 
 POLICIES: dict[str, Callable[[gym.Env, int | None], Policy]] = {
@@ -28,6 +33,7 @@ POLICIES: dict[str, Callable[[gym.Env, int | None], Policy]] = {
     "limit_seeking": LimitSeekingPolicy,
     "chase": ChasePolicy,
     "jpc": JPCPolicy,
+    "straight": _straight,
 }
 """Policies by name: called with the environment and a seed."""
 
@@ -42,5 +48,6 @@ __all__ = [
     "Policy",
     "RandomPolicy",
     "SteeredPolicy",
+    "StraightPolicy",
     "WanderPolicy",
 ]
