@@ -226,6 +226,23 @@ def test_an_episode_begins_anew():
         assert np.abs(other[-1, 0] - other[0, 0]).max() > 0.05
 
 
+def test_an_episode_is_the_same_whatever_came_before(robot):
+    env = gym.make("jssa_gym/Home-v0", human="none", terminate_on=())
+    policy = JPCPolicy(env, 0, host_delay=0.0)
+    for steps in (40, 3, 60):
+        options = {"joint_position": robot.home + 0.3}
+        _, states = drive(env, policy, steps, 0, options)
+        _, fresh = drive(env, JPCPolicy(env, 0, host_delay=0.0), steps, 0, options)
+        np.testing.assert_array_equal(states, fresh)
+
+
+def test_a_goal_that_never_stops_does_not_void_every_answer():
+    env = MovingGoal([0.0, 0.1, 0.0], until=np.inf, human="none")
+    policy = JPCPolicy(env, 0, host_delay=0.25)
+    _, states = drive(env, policy, 350, options={"goal": [0.55, -0.2, 1.3]})
+    assert np.linalg.norm(tool_point(env.robot, states[-1, 0]) - env.goal) < 0.12
+
+
 def test_a_seed_fixes_delays_and_postures():
     env = gym.make("jssa_gym/Reach-v0", human="none", terminate_on=())
     one, two, other = (drive(env, JPCPolicy(env, k, host_delay=(0.0, 0.3)), 150, 5)[1] for k in (1, 1, 2))
