@@ -77,7 +77,7 @@ CANDIDATES: dict[str, list[Any]] = {
     "jssa_published": [None],
     "ssa": list(grid(SSAParams, eta=(0.3, 1.0, 3.0), rows=("closest", "all"))),
     "sss": list(grid(SSSParams, c=(1.0, 2.0, 5.0, 10.0, 20.0))),
-    "cbf": list(grid(CBFParams, k1=(0.5, 1.0, 2.0), k2=(4.0, 8.0), k3=(10.0, 20.0))),
+    "cbf": list(grid(CBFParams, k1=(0.5, 1.0, 1.5, 2.0), k2=(4.0, 8.0), k3=(10.0, 20.0))),
     "pfm": list(grid(PFMParams, influence=(0.5, 0.8), strength=(0.1, 0.3, 1.0), damping=(5.0, 20.0))),
     "sma": list(grid(SMAParams, gain=(0.1, 0.3, 1.0), rows=("closest", "all"))),
     "ssm": list(grid(SSMParams, hysteresis=(0.05, 0.1))),

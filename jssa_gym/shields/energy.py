@@ -141,11 +141,11 @@ class CBFParams:
 
     d_min: float = 0.05
     """[m]."""
-    k1: float = 2.0
+    k1: float = 1.5
     """Gain of the distance's approach to ``d_min`` [1/s]."""
     k2: float = 4.0
     """Gain of the second function [1/s]."""
-    k3: float = 10.0
+    k3: float = 20.0
     """Gain of the third function [1/s]."""
     rows: Rows = "all"
     """Whether the closest pair makes a row, or all pairs do."""
