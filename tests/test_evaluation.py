@@ -152,6 +152,11 @@ def test_a_contact_at_rest_is_a_collision_that_is_not_moving():
     assert not summary.moving_contact
 
 
+def test_violations_in_a_row_are_not_their_sum():
+    summary = summarise(tiny(distance=np.array([0.1, 0.2, 0.1, 0.1, 0.2, 0.1])), LIMITS)
+    assert (summary.max_consecutive_violations, summary.ep_cost) == (2, 4.0)
+
+
 def test_what_is_no_number_is_not_safe():
     trace = tiny(contact=np.zeros(6, bool), contact_speed=np.zeros(6), limit_violation=np.zeros(6, bool), d_min=0.01)
     assert not summarise(dataclasses.replace(trace, distance=np.ones(6)), LIMITS).collision
