@@ -915,7 +915,7 @@ def test_rows_ask_for_what_they_say_and_get_it(robot, random_scene, recovery, ti
         decision = filter.decide(scene, rng.uniform(-1.0, 1.0, 6) * robot.limits.jerk)
         if decision.rows == 0:
             continue
-        owner, target = filter._owner[: decision.rows].copy(), filter._target[: decision.rows].copy()
+        owner, target = (rows[: decision.rows].copy() for rows in (filter._horizon._owner, filter._horizon._target))
         good = decision.status == Status.PROJECTED or "recovering" in decision.reason
         recovering = decision.status == Status.RELAXED and "recovering" in decision.reason
         assert not recovering or target.max() > 0.0
