@@ -1,7 +1,6 @@
 """Results on disk: appended as they come, continued after a crash."""
 
 import csv
-import fcntl
 import functools
 import hashlib
 import importlib.metadata
@@ -11,7 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, get_args, get_type_hints
+from typing import IO, Any, Generic, NamedTuple, Protocol, TypeVar, get_args, get_type_hints
 
 from jssa_gym.exceptions import ParameterError
 
@@ -35,6 +34,15 @@ _TELLING = (
     "evaluation/tally.py",
 )
 """Parts of the package that only tell of episodes; all others decide how one goes or how it is judged."""
+
+
+def _lock(file: IO[bytes]) -> None:
+    """Keep other writers out until the file is closed."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: a second writer is seen by the lines that it leaves
+        return
+    fcntl.flock(file, fcntl.LOCK_EX)
 
 
 def source_hash() -> str:
@@ -202,7 +210,7 @@ class Ledger(Generic[AnyPlan, AnyRow]):
         for episode in episodes:
             writer.writerow(_written(episode))
         with self.table.open("ab") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)  # until it is closed
+            _lock(file)
             if os.fstat(file.fileno()).st_size != self._size:
                 raise ParameterError(f"another process writes to {self.table}; choose another folder")
             file.write(text.getvalue().encode())
