@@ -1,6 +1,5 @@
 """Track and Handover against hand computation; each by somebody who does it and somebody who does not."""
 
-import runpy
 from pathlib import Path
 
 import gymnasium as gym
@@ -15,6 +14,7 @@ from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.tasks import TASKS, Handover, Progress, Reach, Track
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS, HumanMotion, Nobody, RandomWalk, Receive, nobody
+from jssa_gym.policies import StraightPolicy
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import CapsuleSet, JointState
 
@@ -23,7 +23,6 @@ OFFSET = 0.27
 """Of the handover's goal from the hand [m]."""
 HOME = np.array([0.0, 0.0, 0.0, 0.0, -np.pi / 2.0, 0.0])
 CHAIN = ref.lr_mate_chain()
-BENCHMARK = Path(__file__).parent.parent / "benchmarks" / "handover.py"
 
 
 def root_mean_square(gap):
@@ -381,9 +380,8 @@ def test_a_handover_is_done_at_rest_only():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_who_goes_there_hands_over_and_who_stays_does_not(seed):
-    straight = runpy.run_path(str(BENCHMARK))["StraightPolicy"]
     outcomes = {}
-    for name, policy in (("goes", straight), ("stays", jssa_gym.HoldPolicy)):
+    for name, policy in (("goes", StraightPolicy), ("stays", jssa_gym.HoldPolicy)):
         env = gym.make("jssa_gym/Handover-v0", terminate_on=("success",))
         driver = policy(env)
         observation, info = env.reset(seed=seed)
@@ -400,7 +398,7 @@ def test_a_shield_that_is_told_of_the_handover_lets_it_happen(seed):
     allowed = jssa_gym.FailsafeParams(contact_speed={"right_arm": 0.25})
     env = gym.make("jssa_gym/Handover-v0", terminate_on=("success",))
     env = jssa_gym.JSSAShield(env, lambda1=1.0, lambda2=0.1, failsafe=allowed)
-    policy = runpy.run_path(str(BENCHMARK))["StraightPolicy"](env)
+    policy = StraightPolicy(env)
     observation, info = env.reset(seed=seed)
     done, nearest = False, np.inf
     while not done:
