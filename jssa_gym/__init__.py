@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.evaluation import RecordSafety, Report, evaluate
     from jssa_gym.humans import HUMANS, HumanMotion
-    from jssa_gym.policies import HoldPolicy, JPCPolicy, RandomPolicy
+    from jssa_gym.policies import POLICIES, HoldPolicy, JPCPolicy, RandomPolicy, StraightPolicy
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
     from jssa_gym.safety.boundary import Domain
     from jssa_gym.safety.certify import certify
@@ -49,6 +49,7 @@ _HOMES = {
     "JSSAShield": "jssa_gym.shields",
     "JointLimits": "jssa_gym.robots",
     "JointState": "jssa_gym.types",
+    "POLICIES": "jssa_gym.policies",
     "ROBOTS": "jssa_gym.robots",
     "RandomPolicy": "jssa_gym.policies",
     "RecordSafety": "jssa_gym.evaluation",
@@ -60,6 +61,7 @@ _HOMES = {
     "SensorModel": "jssa_gym.envs.sensor",
     "Shield": "jssa_gym.shields",
     "Status": "jssa_gym.types",
+    "StraightPolicy": "jssa_gym.policies",
     "certify": "jssa_gym.safety.certify",
     "evaluate": "jssa_gym.evaluation",
     "make_filter": "jssa_gym.shields",
@@ -69,6 +71,7 @@ __all__ = [
     "FAULTS",
     "FILTERS",
     "HUMANS",
+    "POLICIES",
     "ROBOTS",
     "ActionRepeat",
     "ArmEnv",
@@ -95,6 +98,7 @@ __all__ = [
     "SensorModel",
     "Shield",
     "Status",
+    "StraightPolicy",
     "__version__",
     "certify",
     "evaluate",
@@ -102,7 +106,12 @@ __all__ = [
 ]
 
 
+_PACKAGES = ("control", "envs", "evaluation", "humans", "plots", "policies", "robots", "safety", "shields", "types")
+
+
 def __getattr__(name: str) -> Any:
+    if name in _PACKAGES:
+        return importlib.import_module(f"jssa_gym.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(_HOMES[name]), name)

@@ -63,6 +63,16 @@ def test_what_was_saved_is_loaded(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["walk.csv", "walk.npz"]
 
 
+@pytest.mark.parametrize("gone", ["right_arm.radius", "head.start.x"])
+def test_a_missing_column_is_named(tmp_path, gone):
+    header, *rows = csv_of(stroll()).splitlines()
+    k = header.split(",").index(gone)
+    lines = [",".join(cell for j, cell in enumerate(line.split(",")) if j != k) for line in (header, *rows)]
+    (tmp_path / "walk.csv").write_text("\n".join(lines))
+    with pytest.raises(RecordingError, match=rf"missing: \['{gone}'\], unknown: none"):
+        Recording.load(tmp_path / "walk.csv")
+
+
 def test_columns_may_stand_in_any_order(tmp_path):
     lines = [line.split(",") for line in csv_of(stroll()).splitlines()]
     order = np.random.default_rng(0).permutation(len(lines[0]))

@@ -163,7 +163,7 @@ class Ledger(Generic[AnyPlan, AnyRow]):
                 raise ParameterError(f"{path} is no campaign's configuration") from error
             if other:
                 raise ParameterError(
-                    f"{self.folder} holds another campaign (other {', '.join(other)}); choose another folder"
+                    f"{self.folder} holds another campaign (other {', '.join(other)}); choose another folder (--out)"
                 )
             return
         if not (path.exists() or empty):

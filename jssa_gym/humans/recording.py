@@ -201,11 +201,16 @@ def _read_csv(path: Path) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise RecordingError(f"cannot be read: {error}") from error
     header = [column.strip() for column in header]
-    names = tuple(column.removesuffix(".radius") for column in header if column.endswith(".radius"))
-    wanted = ["time", *(f"{name}.{field}" for name in names for field in (*_ENDS, "radius"))]
+    fields = (*_ENDS, "radius")
+    known = ((column, field) for column in header for field in fields if column.endswith(f".{field}"))
+    names = tuple(dict.fromkeys(column.removesuffix(f".{field}") for column, field in known))
+    wanted = ["time", *(f"{name}.{field}" for name in names for field in fields)]
     if sorted(header) != sorted(wanted) or not names:
-        odd = sorted(set(header) ^ set(wanted)) or header
-        raise RecordingError(f"columns have to be time and <name>.start.x ... <name>.radius; look at {odd[:4]}")
+        missing, unknown = (sorted(set(a) - set(b))[:4] for a, b in ((wanted, header), (header, wanted)))
+        raise RecordingError(
+            "columns have to be time and <name>.start.x ... <name>.radius, each once; "
+            f"missing: {missing or 'none'}, unknown: {unknown or 'none'}"
+        )
     for number, line in enumerate(lines, 2):
         if len(line) != len(header):
             raise RecordingError(f"row {number} has {len(line)} values for {len(header)} columns")

@@ -35,6 +35,15 @@ _LIMB_PARTS = ("arm", "elbow", "wrist", "hand", "palm", "fist", "finger", "thumb
 class FailsafeParams:
     """Assumptions of the verified stop; its promise holds as far as they do.
 
+    Args:
+        human_speed: No point of a person moves faster [m/s].
+        limb_speed: The same for upper limbs and parts of unknown names [m/s].
+        position_error: Largest error of a measured capsule end [m].
+        actuation_lag: Time from a command to the arm's motion [s].
+        tracking_error: Largest distance of a point of the arm from where the command puts it [m].
+        max_age: Measurements are grown by their age up to this; older ones are a fault [s].
+        contact_speed: What the arm's touching point may have in a contact [m/s], for all body parts or by name.
+
     Raises:
         ParameterError: A number is negative or not finite, or a speed or ``max_age`` is not positive.
     """
