@@ -52,3 +52,7 @@ class MissingExtraError(JSSAGymError, ImportError):
 
 class RecordingError(JSSAGymError, ValueError):
     """Recorded motion of a person is malformed, truncated or not finite; the message says what and where."""
+
+
+class WorkerError(JSSAGymError, RuntimeError):
+    """A worker process was killed before it ended its work."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from picklable import killed
 
 from jssa_gym import plots
 from jssa_gym.cli.stress import Stress, _curves
@@ -30,7 +31,7 @@ from jssa_gym.evaluation.ledger import Ledger, source_hash
 from jssa_gym.evaluation.tally import tally
 from jssa_gym.evaluation.trace import load_trace, read_meta
 from jssa_gym.evaluation.workers import run
-from jssa_gym.exceptions import ParameterError
+from jssa_gym.exceptions import ParameterError, WorkerError
 from jssa_gym.humans import make_human
 from jssa_gym.policies import POLICIES
 
@@ -125,6 +126,11 @@ def test_a_folder_of_another_campaign_is_refused(finished, field):
     with pytest.raises(ParameterError, match=f"other {field}"):
         Ledger(finished[0], campaign, Episode, "1" if field in other else "2")
     assert (finished[0] / "episodes.csv").read_bytes() == before
+
+
+def test_a_killed_worker_is_one_line_that_says_how_to_go_on():
+    with pytest.raises(WorkerError, match="same call goes on"):
+        run(killed, range(3), 2, lambda _: None)
 
 
 def test_other_code_is_refused(finished, monkeypatch):

@@ -102,6 +102,19 @@ def test_a_goal_outside_the_range_is_refused(robot):
         plan_move(robot.home, [0.0] * 5, robot.limits, DT)
 
 
+def test_an_arm_that_was_thrown_far_away_gets_no_plan_at_once(robot):
+    """A plan for it would be as long as the way: terabytes."""
+    far = np.array(robot.home) + 1e5
+    with pytest.raises(InfeasibleError, match="position limits"):
+        plan_move(far, robot.home, robot.limits, DT)
+    rest = np.zeros(robot.n)
+    for speed in (0.0, 300.0):
+        with pytest.raises(InfeasibleError, match="position limits"):
+            plan_approach(JointState(far, rest + speed, rest), robot.home, robot.limits, DT)
+    with pytest.raises(ParameterError, match="goal"):
+        plan_approach(JointState(np.array(robot.home), rest + 0.1, rest), [0.0] * 5, robot.limits, DT)
+
+
 def test_an_approach_may_begin_in_motion(robot):
     rng, limits = np.random.default_rng(2), robot.limits
     low, high = 0.9 * limits.position.T

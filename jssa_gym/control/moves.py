@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.control.least_jerk import FEWEST
-from jssa_gym.control.plan import Plan, plan_waypoints
+from jssa_gym.control.plan import TOLERANCE, Plan, plan_waypoints
 from jssa_gym.exceptions import InfeasibleError
 from jssa_gym.kernels.records import STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
@@ -65,6 +65,11 @@ def _shape(n_j: int, n_a: int, n_v: int, dt: float) -> Array:
     return unit * signs
 
 
+def _within(position: Array, limits: JointLimits) -> bool:
+    low, high = limits.position.T
+    return bool(np.all(position >= low - TOLERANCE) and np.all(position <= high + TOLERANCE))
+
+
 def plan_move(start: ArrayLike, goal: ArrayLike, limits: JointLimits, dt: float) -> Plan:
     """The shortest jerk-limited move from rest to rest, all joints ending together.
 
@@ -86,6 +91,9 @@ def plan_move(start: ArrayLike, goal: ArrayLike, limits: JointLimits, dt: float)
     n = len(limits.jerk)
     begin = real_array("start", start, (n,), "a joint position [rad]")
     end = real_array("goal", goal, (n,), "a joint position [rad]")
+    # first of all: towards an arm that was thrown far out of its range, plans have no end
+    if not (_within(begin, limits) and _within(end, limits)):
+        raise InfeasibleError(f"a move from {begin.tolist()} to {end.tolist()} leaves the position limits")
     way, rest = end - begin, np.zeros(n)
     state = np.array([begin, rest, rest])
     moving = np.flatnonzero(np.abs(way) > 1e-12)
@@ -108,8 +116,8 @@ def plan_move(start: ArrayLike, goal: ArrayLike, limits: JointLimits, dt: float)
             own = shapes[j]
             jerk[:, j] = way[j] * (line if fits else _shape(own[0], own[1], own[2] + total - ticks[j], dt))
     plan = Plan.follow(state, jerk, dt, (len(jerk),))
-    if not plan.keeps(limits) or np.any(begin < limits.position[:, 0]) or np.any(begin > limits.position[:, 1]):
-        raise InfeasibleError(f"a move from {begin.tolist()} to {end.tolist()} leaves the position limits")
+    if not plan.keeps(limits):
+        raise InfeasibleError(f"a move from {begin.tolist()} to {end.tolist()} cannot keep the limits")
     return plan
 
 
@@ -130,6 +138,9 @@ def plan_approach(state: JointState, goal: ArrayLike, limits: JointLimits, dt: f
     """
     if not (np.any(state.velocity) or np.any(state.acceleration)):
         return plan_move(state.position, goal, limits, dt)
+    end = real_array("goal", goal, (len(limits.jerk),), "a joint position [rad]")
+    if not (_within(state.position, limits) and _within(end, limits)):
+        raise InfeasibleError(f"no move from {state} to {goal} keeps the position limits")
     low, high = limits.position.T
     brake = plan_brake(state, limits, dt)
     move = plan_move(np.clip(brake.states[-1, 0], low, high), goal, limits, dt)

@@ -5,7 +5,10 @@ import os
 import signal
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
+
+from jssa_gym.exceptions import WorkerError
 
 Work = TypeVar("Work")
 Result = TypeVar("Result")
@@ -24,6 +27,9 @@ def run(play: Callable[[Work], Result], chunks: Iterable[Work], jobs: int, done:
         chunks: What to play.
         jobs: How many processes.
         done: Called with every chunk's result as it ends, in this process.
+
+    Raises:
+        WorkerError: A process was killed, by the system or by somebody.
     """
     if jobs == 1:
         for chunk in chunks:
@@ -44,5 +50,10 @@ def run(play: Callable[[Work], Result], chunks: Iterable[Work], jobs: int, done:
                 ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in ended:
                     done(future.result())
+        except BrokenProcessPool as error:
+            raise WorkerError(
+                "a worker process was killed, most likely for want of memory; what had ended by then is kept, and the "
+                "same call goes on from there; use fewer jobs"
+            ) from error
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
