@@ -56,3 +56,7 @@ class RecordingError(JSSAGymError, ValueError):
 
 class WorkerError(JSSAGymError, RuntimeError):
     """A worker process was killed before it ended its work."""
+
+
+class CheckpointError(JSSAGymError, ValueError):
+    """A training's checkpoint is missing, truncated or changed, or belongs to another training."""

@@ -13,6 +13,7 @@ from jssa_gym.cli.evaluate import Evaluate
 from jssa_gym.cli.replay import Replay
 from jssa_gym.cli.reproduce import Reproduce
 from jssa_gym.cli.stress import Stress
+from jssa_gym.cli.train import Train
 from jssa_gym.exceptions import JSSAGymError
 
 Command = Annotated[
@@ -22,6 +23,7 @@ Command = Annotated[
     | Annotated[Stress, tyro.conf.subcommand("stress")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Compare, tyro.conf.subcommand("compare")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")],
     tyro.conf.arg(name=""),

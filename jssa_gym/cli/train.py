@@ -1,0 +1,167 @@
+"""``jssa-gym train``: from one command to a policy with the numbers to judge it."""
+
+import json
+import sys
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from jssa_gym import plots
+from jssa_gym.cli.files import writable_folder, write_json
+from jssa_gym.cli.film import EVERY, film
+from jssa_gym.evaluation.rollout import rollout
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.policies.learned import LearnedPolicy
+from jssa_gym.robots import make_robot
+from jssa_gym.train.config import EVALUATION_SEED, Control, LearnFrom, TrainConfig, preset
+from jssa_gym.train.environment import control_env
+from jssa_gym.train.history import Leg, as_rows
+from jssa_gym.train.settings import Algorithm
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a policy inside the shield, with checkpoints, evaluations and their safety on the way.
+
+    A training that was interrupted, in whatever way, goes on where it stopped when the same command is given again. The
+    folder gets best.npz and last.npz, which `jssa-gym evaluate --policy` takes, history.csv, TensorBoard's logs, and a
+    film of the best policy at the end.
+    """
+
+    task: str = "reach"
+    """Task of the environment: home, reach, track or handover."""
+    algorithm: Algorithm = "ppo"
+    """Of Stable-Baselines3; tqc of sb3-contrib."""
+    out: Path = Path("training")
+    """Folder for everything; a training that is there already is continued."""
+    human: str | None = None
+    """People by name; None for the task's own."""
+    shield: bool = True
+    """Whether the learner acts through the shield of the task's shielded id."""
+    control: Control | None = None
+    """What an action means: the jerk itself, or a velocity or position that loops turn into jerk; None: as tuned."""
+    ticks: int | None = None
+    """Control steps for which an action is repeated; None: as tuned."""
+    learn_from: LearnFrom = "policy"
+    """What the learner is told of the shield: nothing, the executed action (sac, td3, tqc), a penalty, or both."""
+    penalty: float = 0.1
+    """Weight of the penalty."""
+    observe_intervention: bool = False
+    """Whether the shield's last change is part of the observation."""
+    steps: int | None = None
+    """Policy steps; None: as tuned."""
+    seed: int = 0
+    """Of everything that is drawn."""
+    envs: int | None = None
+    """Environments that are stepped together; None: as tuned."""
+    processes: bool = False
+    """Whether every environment has a process of its own."""
+    interval: int | None = None
+    """Policy steps between checkpoints; None: as tuned."""
+    eval_episodes: int = 20
+    """Episodes of the evaluation at every checkpoint."""
+    set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")] = field(default=())
+    """Hyper-parameters of the algorithm, such as learning_rate=0.001 width=128."""
+    threads: int = 1
+    """Threads of torch; small networks are fastest with one."""
+    video: bool = True
+    """Whether a film of the best policy is made at the end; it needs the extra plots."""
+    json: bool = False
+    """Print JSON instead of a table."""
+
+    def config(self) -> TrainConfig:
+        """The training that is asked for.
+
+        Raises:
+            ParameterError: Something is unknown or out of range.
+        """
+        tuned = preset(self.task, self.algorithm)
+        given = {
+            name: value
+            for name in ("control", "ticks", "steps", "envs", "interval")
+            if (value := getattr(self, name)) is not None
+        }
+        changes: dict[str, str] = {}
+        for change in self.set:
+            name, equals, value = change.partition("=")
+            if not equals:
+                raise ParameterError(f"--set takes name=value, got {change!r}")
+            changes[name] = value
+        return replace(
+            tuned,
+            settings=tuned.settings.changed(changes),
+            human=self.human,
+            shield=self.shield,
+            learn_from=self.learn_from,
+            penalty=self.penalty,
+            observe_intervention=self.observe_intervention,
+            seed=self.seed,
+            processes=self.processes,
+            eval_episodes=self.eval_episodes,
+            **given,
+        )
+
+    def run(self) -> None:
+        """Train, print, film."""
+        config = self.config()
+        from jssa_gym.train.loop import train  # torch: not for --help
+
+        import torch
+
+        torch.set_num_threads(self.threads)
+        writable_folder(self.out)
+        console = Console(stderr=True)
+        columns: tuple[Any, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+        with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+            bar = progress.add_task("policy steps", total=config.steps)
+            try:
+                training = train(
+                    config,
+                    self.out,
+                    say=lambda line: console.print(line, highlight=False),
+                    watch=lambda steps: progress.update(bar, completed=steps),
+                    command=f"jssa-gym {' '.join(sys.argv[1:])}",
+                )
+            except KeyboardInterrupt:
+                console.print(f"stopped; the same command goes on from the last checkpoint in {self.out}")
+                raise SystemExit(130) from None
+        write_json(self.out / "training.json", {"training": config.as_dict(), "history": as_rows(training.history)})
+        if self.json:
+            print(json.dumps({"training": config.as_dict(), "history": as_rows(training.history)}, allow_nan=False))
+        else:
+            _show(training.history)
+            print(f"\njssa-gym evaluate --task {config.task} --policy {self.out / 'best.npz'} --episodes 1000")
+        if self.video:
+            self._film(training.policy, config)
+
+    def _film(self, policy: LearnedPolicy, config: TrainConfig) -> None:
+        """The best policy's first episode of the evaluations."""
+        plots.require(film=True)
+        trace = rollout(control_env(config, ("success",), config.shield), policy, seed=EVALUATION_SEED)
+        frames = film([trace], make_robot(trace.robot).mounted(trace.mount), d_min=trace.d_min)
+        plots.write_film(self.out / "best.mp4", frames, rate=round(1.0 / (trace.dt * EVERY)))
+
+
+def _show(history: tuple[Leg, ...]) -> None:
+    table = Table(title="the training, leg by leg")
+    titles = ("steps", "episodes", "success", "moving contacts", "changed", "eval: success", "safe", "moving", "time")
+    for title in titles:
+        table.add_column(title, justify="right")
+    for leg in history:
+        table.add_row(
+            f"{leg.steps:,}",
+            f"{leg.episodes:,}",
+            f"{leg.success:.0%}",
+            f"{leg.moving_contacts}",
+            f"{leg.interventions:.1%}",
+            f"{leg.eval_success:.0%}",
+            f"{leg.eval_safe:.0%}",
+            f"{leg.eval_moving_contacts}",
+            f"{leg.eval_time:.1f} s",
+        )
+    Console(width=None if Console().is_terminal else 120).print(table)

@@ -1,0 +1,162 @@
+"""Checkpoints: complete and unchanged, or not used."""
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jssa_gym.exceptions import CheckpointError
+
+MANIFEST = "manifest.json"
+
+LARGEST = 512 * 2**20
+"""Most bytes of a checkpoint's file."""
+
+KEEP = 3
+"""Checkpoints that are kept."""
+
+_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """A checkpoint whose files are those that were written."""
+
+    folder: Path
+    steps: int
+    """Policy steps when it was written."""
+    data: Mapping[str, Any]
+    """What the manifest has besides, as it was given to :func:`write_checkpoint`."""
+
+    def file(self, name: str) -> Path:
+        """One of its files."""
+        return self.folder / name
+
+
+def write_checkpoint(
+    folder: Path, steps: int, data: Mapping[str, Any], writers: Mapping[str, Callable[[Path], Any]]
+) -> Checkpoint:
+    """Write a checkpoint so that a crash at any moment leaves it complete or not there, and drop the oldest ones.
+
+    All files go to a temporary folder and to the disk, the manifest with their SHA-256 last; then the folder is renamed.
+
+    Args:
+        folder: Where checkpoints are kept.
+        steps: Policy steps so far; also the checkpoint's name.
+        data: What else belongs to it, as JSON can hold it.
+        writers: By name, what writes a file at a path.
+
+    Raises:
+        CheckpointError: The disk is full, or a file is larger than may be read again.
+    """
+    target = folder / f"{steps:012d}"
+    unfinished = folder / f"{target.name}.part"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir()
+        sums: dict[str, str] = {}
+        for name, write in writers.items():
+            path = unfinished / name
+            write(path)
+            if path.stat().st_size > LARGEST:
+                raise CheckpointError(f"{name} has {path.stat().st_size:,} bytes, more than {LARGEST:,}")
+            _to_disk(path)
+            sums[name] = _sha256(path)
+        body = {"version": _VERSION, "steps": steps, "files": sums, "data": dict(data)}
+        manifest = unfinished / MANIFEST
+        manifest.write_text(json.dumps({**body, "sha256": _digest(body)}, indent=2, allow_nan=False) + "\n")
+        _to_disk(manifest)
+        _to_disk(unfinished)
+        shutil.rmtree(target, ignore_errors=True)  # of the same steps: a bad one that is written anew
+        unfinished.replace(target)
+        _to_disk(folder)
+    except OSError as error:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise CheckpointError(f"cannot write the checkpoint {target}: {error.strerror or error}") from error
+    for old in _all(folder)[KEEP:]:
+        shutil.rmtree(old, ignore_errors=True)
+    return Checkpoint(target, steps, dict(data))
+
+
+def read_checkpoint(folder: Path) -> Checkpoint:
+    """A checkpoint, after every byte of it was checked against its manifest.
+
+    Raises:
+        CheckpointError: Something is missing, truncated or changed; the message says what.
+    """
+    path = folder / MANIFEST
+    try:
+        if path.stat().st_size > LARGEST:
+            raise CheckpointError(f"{path} is too large")
+        body = json.loads(path.read_text())
+        checksum = body.pop("sha256")
+        if body["version"] != _VERSION:
+            raise CheckpointError(f"{path} is of version {body['version']!r}, this code reads {_VERSION}")
+        if checksum != _digest(body):
+            raise CheckpointError(f"{path} was changed: its own checksum differs")
+        for name, expected in body["files"].items():
+            file = folder / name
+            if file.parent != folder or name in ("", ".", ".."):
+                raise CheckpointError(f"{path} names a file outside its folder: {name!r}")
+            if file.stat().st_size > LARGEST:
+                raise CheckpointError(f"{file} is larger than {LARGEST:,} bytes")
+            if _sha256(file) != expected:
+                raise CheckpointError(f"{file} was changed or truncated: its SHA-256 differs from the manifest's")
+        return Checkpoint(folder, int(body["steps"]), body["data"])
+    except OSError as error:
+        raise CheckpointError(f"cannot read the checkpoint {folder}: {error.strerror or error}") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        if isinstance(error, CheckpointError):
+            raise
+        raise CheckpointError(f"{path} is no manifest: {error}") from error
+
+
+def latest_checkpoint(folder: Path) -> tuple[Checkpoint | None, list[CheckpointError]]:
+    """The newest good checkpoint, and what is wrong with the newer ones.
+
+    Raises:
+        CheckpointError: There are checkpoints and not one of them is good: going on would begin anew.
+    """
+    refused: list[CheckpointError] = []
+    for one in _all(folder):
+        try:
+            return read_checkpoint(one), refused
+        except CheckpointError as error:
+            refused.append(error)
+    if refused:
+        raise CheckpointError(
+            f"none of the checkpoints in {folder} can be used; delete the folder to begin anew. The newest: {refused[0]}"
+        )
+    return None, refused
+
+
+def _all(folder: Path) -> list[Path]:
+    """Folders of checkpoints, the newest first; what a crash left unfinished is none."""
+    if not folder.is_dir():
+        return []
+    return sorted((path for path in folder.iterdir() if path.name.isdigit()), reverse=True)
+
+
+def _digest(body: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _to_disk(path: Path) -> None:
+    """Have the system write a file, or a folder's entries, before anything later."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # not every file system can do it for folders
+            os.fsync(handle)
+    finally:
+        os.close(handle)

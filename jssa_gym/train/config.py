@@ -1,0 +1,142 @@
+"""A training, described completely."""
+
+import hashlib
+import json
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from jssa_gym.envs.tasks import TASKS
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans import HUMANS
+from jssa_gym.train.settings import ALGORITHMS, PPO, OffPolicy, Settings
+from jssa_gym.validation import known_name, number_within, positive_integer, share, whole_number
+
+LearnFrom = Literal["policy", "executed", "penalty", "both"]
+Control = Literal["jerk", "velocity", "position"]
+
+EVALUATION_SEED = 1_500_000_000
+"""First seed of the evaluations during a training."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainConfig:
+    """What is trained, in what environment, by which algorithm.
+
+    Raises:
+        ParameterError: A name is unknown, a number out of range, or a combination makes no sense.
+    """
+
+    task: str = "reach"
+    """Of :data:`~jssa_gym.envs.tasks.TASKS`."""
+    settings: Settings = field(default_factory=PPO)
+    """Algorithm and hyper-parameters."""
+    human: str | None = None
+    """People by name; None for the task's own."""
+    shield: bool = True
+    """Whether the learner acts through the shield of the task's shielded id."""
+    control: Control = "velocity"
+    """What an action means; see :class:`~jssa_gym.JPCAction` for all but the jerk."""
+    share: float = 0.5
+    """Share of the velocity and acceleration limits that commands may use."""
+    ticks: int = 10
+    """Control steps for which an action is repeated: 10 is a policy at 12.5 Hz."""
+    learn_from: LearnFrom = "policy"
+    """What the learner is told of the shield: nothing (``policy``); the executed action in place of its own
+    (``executed``, algorithms with a replay buffer only); a penalty for interventions; or both."""
+    penalty: float = 0.1
+    """Weight of the penalty; see :class:`~jssa_gym.train.InterventionPenalty`."""
+    observe_intervention: bool = False
+    """Whether the shield's last change is part of the observation."""
+    normalise: bool = True
+    """Whether observations, and for ``ppo`` rewards, are scaled by their running statistics."""
+    steps: int = 1_000_000
+    """Policy steps."""
+    seed: int = 0
+    envs: int = 8
+    """Environments that are stepped together."""
+    processes: bool = False
+    """Whether every environment has a process of its own; it pays from about four cores on."""
+    interval: int = 50_000
+    """Policy steps between checkpoints, which are also the points of evaluation."""
+    eval_episodes: int = 20
+    """Episodes of an evaluation."""
+
+    def __post_init__(self) -> None:
+        known_name("task", self.task, TASKS)
+        if self.human is not None:
+            known_name("human", self.human, HUMANS)
+        known_name("control", self.control, ("jerk", "velocity", "position"))
+        known_name("learn_from", self.learn_from, ("policy", "executed", "penalty", "both"))
+        for name in ("ticks", "steps", "envs", "interval", "eval_episodes"):
+            positive_integer(name, getattr(self, name))
+        whole_number("seed", self.seed)
+        share("share", self.share)
+        number_within("penalty", self.penalty, 0.0)
+        if not isinstance(self.settings, Settings):
+            raise ParameterError(f"settings have to be one of {', '.join(ALGORITHMS)}, got {self.settings!r}")
+        if not self.shield and (self.learn_from != "policy" or self.observe_intervention):
+            raise ParameterError("without a shield there are no interventions to learn from or to observe")
+        if self.stores_executed and not isinstance(self.settings, OffPolicy):
+            raise ParameterError(
+                f"{self.settings.algorithm} needs the probability with which its policy chose an action, and it did not "
+                f"choose the executed one: learn_from={self.learn_from!r} needs an algorithm with a replay buffer, "
+                "sac, td3 or tqc"
+            )
+
+    @property
+    def stores_executed(self) -> bool:
+        """Whether the replay buffer gets executed actions."""
+        return self.learn_from in ("executed", "both")
+
+    @property
+    def penalises(self) -> bool:
+        """Whether interventions cost reward."""
+        return self.learn_from in ("penalty", "both")
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON can hold it."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {**values, "settings": self.settings.as_dict()}
+
+    @classmethod
+    def of(cls, data: dict[str, Any]) -> "TrainConfig":
+        """From :meth:`as_dict`.
+
+        Raises:
+            ParameterError: It is not one.
+        """
+        try:
+            settings = dict(data["settings"])
+            kind = ALGORITHMS[settings.pop("algorithm")]
+            return cls(**{**data, "settings": kind(**settings)})
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise ParameterError(f"this is no training: {error}") from error
+
+    @property
+    def digest(self) -> str:
+        """What tells it from trainings whose results differ; how long it goes on does not count."""
+        data = {**self.as_dict(), "steps": 0} if not self._total_matters else self.as_dict()
+        return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+
+    @property
+    def _total_matters(self) -> bool:
+        return getattr(self.settings, "decay", self.settings.decay)
+
+
+def _preset(task: str, settings: Settings, **changes: Any) -> TrainConfig:
+    return replace(TrainConfig(task=task, settings=settings), **changes)
+
+
+PRESETS: dict[tuple[str, str], TrainConfig] = {}
+"""Tuned trainings by task and algorithm; what is missing has the defaults."""
+
+
+def preset(task: str, algorithm: str) -> TrainConfig:
+    """The tuned training of a task by an algorithm; see ``docs/training.md`` for how it was tuned.
+
+    Raises:
+        ParameterError: A name is unknown.
+    """
+    known_name("task", task, TASKS)
+    settings = ALGORITHMS[known_name("algorithm", algorithm, ALGORITHMS)]()
+    return PRESETS.get((task, algorithm), TrainConfig(task=task, settings=settings))

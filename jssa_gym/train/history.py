@@ -1,0 +1,113 @@
+"""What a training has been through: safety of every episode, evaluations, time."""
+
+import csv
+import io
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jssa_gym.evaluation.report import Report
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """What happened between two checkpoints."""
+
+    steps: int
+    """Policy steps at its end."""
+    seconds: float
+    """Time that it took, its evaluation not counted [s]."""
+    episodes: int
+    """Episodes of the learner that ended in it."""
+    success: float
+    """Share of them with success; NaN without any."""
+    ep_return: float
+    """Mean return of the task, without penalties."""
+    collisions: int
+    """Episodes with a contact."""
+    moving_contacts: int
+    """Episodes with a contact of the moving arm."""
+    limit_violations: int
+    """Episodes with a joint limit exceeded."""
+    interventions: float
+    """Mean share of control steps in which the shield changed the jerk."""
+    eval_success: float
+    """Of the evaluation at its end: share with success."""
+    eval_safe: float
+    """Share with success, nobody nearer than d_min and no limit exceeded."""
+    eval_collisions: int
+    eval_moving_contacts: int
+    eval_interventions: float
+    eval_return: float
+    eval_time: float
+    """Mean time to the goal, of the episodes that reached it [s]."""
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts the episodes of a leg as they end."""
+
+    summaries: list[Mapping[str, Any]] = field(default_factory=list)
+
+    def take(self, info: Mapping[str, Any]) -> None:
+        """Look whether an episode ended."""
+        if "safety" in info:
+            self.summaries.append(info["safety"])
+
+    def leg(self, steps: int, seconds: float, report: Report) -> Leg:
+        """The leg that ends now; counting begins anew."""
+        ended = self.summaries
+        self.summaries = []
+        rates, times = report.rates, report.means.get("time_to_goal")
+
+        def mean(name: str) -> float:
+            return float(np.mean([float(x[name]) for x in ended])) if ended else float("nan")
+
+        def count(name: str) -> int:
+            return sum(bool(x[name]) for x in ended)
+
+        return Leg(
+            steps=steps,
+            seconds=round(seconds, 1),
+            episodes=len(ended),
+            success=mean("success"),
+            ep_return=mean("ep_return"),
+            collisions=count("collision"),
+            moving_contacts=count("moving_contact"),
+            limit_violations=sum(x["limit_violation_rate"] > 0.0 for x in ended),
+            interventions=mean("intervention_rate"),
+            eval_success=rates["success_rate"].value,
+            eval_safe=rates["success_and_safe_rate"].value,
+            eval_collisions=rates["collision_rate"].count,
+            eval_moving_contacts=rates["moving_contact_rate"].count,
+            eval_interventions=report.means["intervention_rate"].value if "intervention_rate" in report.means else 0.0,
+            eval_return=report.means["ep_return"].value,
+            eval_time=float("nan") if times is None else times.value,
+        )
+
+
+def as_rows(history: tuple[Leg, ...]) -> list[dict[str, Any]]:
+    """As JSON can hold it: None for what is not there."""
+    return [
+        {f.name: None if (x := getattr(leg, f.name)) != x else x for f in fields(leg)} for leg in history
+    ]
+
+
+def from_rows(rows: list[dict[str, Any]]) -> tuple[Leg, ...]:
+    """From :func:`as_rows`."""
+    return tuple(Leg(**{name: float("nan") if value is None else value for name, value in row.items()}) for row in rows)
+
+
+def write_history(path: Path, history: tuple[Leg, ...]) -> None:
+    """Write it as a table, into a temporary file that is renamed."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [f.name for f in fields(Leg)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(as_rows(history))
+    unfinished = path.with_suffix(path.suffix + ".part")
+    unfinished.write_text(text.getvalue())
+    unfinished.replace(path)

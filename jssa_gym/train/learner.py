@@ -1,0 +1,299 @@
+"""The Stable-Baselines3 model of a training: built, saved, restored, turned into a policy file."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jssa_gym.exceptions import CheckpointError, MissingExtraError, ParameterError
+from jssa_gym.policies.learned import LearnedPolicy
+from jssa_gym.policies.network import Network
+from jssa_gym.train.config import TrainConfig
+from jssa_gym.train.environment import makers
+from jssa_gym.train.settings import PPO, TD3, OffPolicy
+from jssa_gym.train.wrappers import EXECUTED
+
+INSTALL = "pip install 'jssa-gym[train]'"
+
+try:
+    import stable_baselines3 as sb3
+    import torch
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.buffers import ReplayBuffer
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.noise import NormalActionNoise
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+    from stable_baselines3.common.running_mean_std import RunningMeanStd
+    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
+except ImportError as error:
+    raise MissingExtraError(f"training needs the extra 'train': {INSTALL}") from error
+
+PARAMETERS, STATISTICS, BUFFER = "parameters.pt", "statistics.npz", "buffer.npz"
+"""Files of a checkpoint."""
+
+_CLIP = 10.0
+"""Normalised observations are clipped to this."""
+
+
+class ExecutedBuffer(ReplayBuffer):
+    """A replay buffer that takes the executed action from ``info`` where there is one."""
+
+    def add(
+        self,
+        obs: NDArray[Any],
+        next_obs: NDArray[Any],
+        action: NDArray[Any],
+        reward: NDArray[Any],
+        done: NDArray[Any],
+        infos: list[dict[str, Any]],
+    ) -> None:
+        # actions are in [-1, 1] already, which is what the buffer scales them to
+        executed = [info.get(EXECUTED, action[i]) for i, info in enumerate(infos)]
+        super().add(obs, next_obs, np.stack(executed), reward, done, infos)
+
+
+def make_vec_env(config: TrainConfig) -> VecEnv:
+    """The environments, stepped together; a vector environment of the package's own would take its place here."""
+    functions = [lambda make=make: Monitor(make()) for make in makers(config)]
+    if config.processes:
+        return SubprocVecEnv(functions, start_method="spawn")
+    return DummyVecEnv(functions)
+
+
+def build(config: TrainConfig, device: str = "cpu") -> BaseAlgorithm:
+    """The model with its environments, before it has learnt anything.
+
+    Args:
+        config: The training.
+        device: Of torch; small networks are fastest on the CPU.
+
+    Raises:
+        MissingExtraError: The algorithm's package is not installed.
+    """
+    settings = config.settings
+    env = make_vec_env(config)
+    on_policy = isinstance(settings, PPO)
+    if config.normalise:
+        env = VecNormalize(env, norm_obs=True, norm_reward=on_policy, gamma=settings.gamma, clip_obs=_CLIP)
+    rate = _Falling(settings.learning_rate, config.steps)
+    common: dict[str, Any] = {
+        "learning_rate": rate if settings.decay else settings.learning_rate,
+        "batch_size": settings.batch_size,
+        "gamma": settings.gamma,
+        "seed": config.seed,
+        "device": device,
+    }
+    shape: dict[str, Any] = {"net_arch": [settings.width] * settings.layers}
+    if isinstance(settings, PPO):
+        if settings.rollout % config.envs:
+            raise ParameterError(f"rollout has to be a multiple of {config.envs} environments, got {settings.rollout}")
+        model = sb3.PPO(
+            "MlpPolicy",
+            env,
+            n_steps=settings.rollout // config.envs,
+            n_epochs=settings.n_epochs,
+            gae_lambda=settings.gae_lambda,
+            clip_range=settings.clip_range,
+            ent_coef=settings.ent_coef,
+            policy_kwargs={**shape, "log_std_init": settings.log_std, "activation_fn": torch.nn.Tanh},
+            **common,
+        )
+    elif isinstance(settings, OffPolicy):
+        model = _off_policy(config, settings, env, shape, common)
+    else:
+        raise ParameterError(f"no model for {settings!r}")
+    rate.model = model
+    return model
+
+
+def _off_policy(
+    config: TrainConfig, settings: OffPolicy, env: VecEnv, shape: dict[str, Any], common: dict[str, Any]
+) -> OffPolicyAlgorithm:
+    replay: dict[str, Any] = {
+        "buffer_size": settings.buffer_size,
+        "learning_starts": settings.learning_starts,
+        "tau": settings.tau,
+        "train_freq": 1,
+        "gradient_steps": max(1, round(settings.updates * config.envs)),
+        "replay_buffer_class": ExecutedBuffer if config.stores_executed else None,
+        "policy_kwargs": shape,
+    }
+    if isinstance(settings, TD3):
+        n = env.action_space.shape[0]  # ty: ignore[non-subscriptable]
+        noise = NormalActionNoise(np.zeros(n), np.full(n, settings.noise))
+        return sb3.TD3("MlpPolicy", env, action_noise=noise, **replay, **common)
+    if settings.algorithm == "sac":
+        return sb3.SAC("MlpPolicy", env, **replay, **common)
+    try:
+        from sb3_contrib import TQC
+    except ImportError as error:
+        raise MissingExtraError(f"tqc needs sb3-contrib: {INSTALL}") from error
+    return TQC("MlpPolicy", env, **replay, **common)
+
+
+class _Falling:
+    """A learning rate that falls linearly to 0 over the whole training, of which ``learn`` is told one leg at a time."""
+
+    def __init__(self, rate: float, steps: int) -> None:
+        self._rate, self._steps = rate, steps
+        self.model: BaseAlgorithm | None = None
+
+    def __call__(self, left_of_leg: float) -> float:
+        done = 0 if self.model is None else self.model.num_timesteps
+        return self._rate * max(1.0 - done / self._steps, 0.0)
+
+
+# ---- saved and restored ------------------------------------------------------------------------------
+
+
+def save_parameters(model: BaseAlgorithm, path: Path) -> None:
+    """Networks, optimisers and counters; tensors only."""
+    names, tensors = model._get_torch_save_params()
+    state = {
+        "parameters": model.get_parameters(),
+        "tensors": {name: getattr(model, name).detach() for name in tensors},
+        "counters": {"updates": model._n_updates, "episodes": model._episode_num},
+    }
+    assert set(names) == set(state["parameters"])
+    content = io.BytesIO()  # torch's own writer says of a full disk that something is inconsistent
+    torch.save(state, content)
+    path.write_bytes(content.getvalue())
+
+
+def load_parameters(model: BaseAlgorithm, path: Path) -> None:
+    """Restore what :func:`save_parameters` wrote, without unpickling objects.
+
+    Raises:
+        CheckpointError: It is for another network, or no such file.
+    """
+    try:
+        state = torch.load(path, map_location=model.device, weights_only=True)
+        model.set_parameters(state["parameters"], exact_match=True, device=model.device)
+        with torch.no_grad():
+            for name, tensor in state["tensors"].items():
+                getattr(model, name).copy_(tensor)
+        model._n_updates = int(state["counters"]["updates"])
+        model._episode_num = int(state["counters"]["episodes"])
+    except Exception as error:  # whatever torch thinks of a file that somebody changed
+        raise CheckpointError(f"{path} does not hold this training's parameters: {error}") from error
+
+
+_MOMENTS = ("mean", "var", "count")
+
+
+def save_statistics(model: BaseAlgorithm, path: Path) -> None:
+    """Running statistics of observations and rewards."""
+    arrays: dict[str, NDArray[Any]] = {}
+    norm = model.get_vec_normalize_env()
+    if norm is not None:
+        for kind in ("obs", "ret"):
+            rms: Any = getattr(norm, f"{kind}_rms")
+            arrays |= {f"{kind}_{moment}": np.asarray(getattr(rms, moment), np.float64) for moment in _MOMENTS}
+    np.savez(path, **arrays)
+
+
+def load_statistics(model: BaseAlgorithm, path: Path) -> None:
+    """Restore what :func:`save_statistics` wrote.
+
+    Raises:
+        CheckpointError: It is no such file.
+    """
+    norm = model.get_vec_normalize_env()
+    if norm is None:
+        return
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            for kind in ("obs", "ret"):
+                rms: RunningMeanStd = getattr(norm, f"{kind}_rms")
+                mean = arrays[f"{kind}_mean"]
+                if mean.shape != np.shape(rms.mean):
+                    raise ValueError(f"{kind} has shape {mean.shape} instead of {np.shape(rms.mean)}")
+                rms.mean, rms.var = mean, arrays[f"{kind}_var"]
+                rms.count = float(arrays[f"{kind}_count"])
+    except (OSError, ValueError, KeyError) as error:
+        raise CheckpointError(f"{path} does not hold this training's statistics: {error}") from error
+
+
+_COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
+
+def save_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
+    """The filled part of the replay buffer."""
+    buffer = model.replay_buffer
+    assert buffer is not None
+    filled = buffer.size()
+    columns = {name: getattr(buffer, name)[:filled] for name in _COLUMNS}
+    np.savez(path, **columns, cursor=np.array([buffer.pos, buffer.full], np.int64))
+
+
+def load_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
+    """Restore what :func:`save_buffer` wrote.
+
+    Raises:
+        CheckpointError: It is no such file.
+    """
+    buffer = model.replay_buffer
+    assert buffer is not None
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            pos, full = (int(x) for x in arrays["cursor"])
+            filled = buffer.buffer_size if full else pos
+            for name in _COLUMNS:
+                getattr(buffer, name)[:filled] = arrays[name]
+        buffer.pos, buffer.full = pos, bool(full)
+    except (OSError, ValueError, KeyError) as error:
+        raise CheckpointError(f"{path} does not hold this training's replay buffer: {error}") from error
+
+
+# ---- as a policy -------------------------------------------------------------------------------------
+
+
+def to_policy(model: BaseAlgorithm, config: TrainConfig, provenance: dict[str, Any] | None = None) -> LearnedPolicy:
+    """What the model has learnt so far, without torch: its deterministic action.
+
+    Args:
+        model: As :func:`build` makes it.
+        config: Its training.
+        provenance: What the file says about where it comes from.
+    """
+    state = {name: value.detach().cpu().numpy().astype(np.float64) for name, value in model.policy.state_dict().items()}
+    if isinstance(config.settings, PPO):
+        body, head, activation, output = "mlp_extractor.policy_net.", "action_net", "tanh", "clip"
+    elif isinstance(config.settings, TD3):
+        body, head, activation, output = "actor.mu.", None, "relu", "tanh"
+    else:
+        body, head, activation, output = "actor.latent_pi.", "actor.mu", "relu", "tanh"
+    names = [
+        name.removesuffix(".weight") for name in state if name.startswith(body) and name.endswith(".weight")
+    ] + ([head] if head else [])
+    names = sorted(names[:-1], key=lambda name: int(name.rsplit(".", 1)[1])) + names[-1:] if head else names
+    layers = tuple((state[f"{name}.weight"], state[f"{name}.bias"]) for name in names)
+    size = layers[0][0].shape[1]
+    mean, std, norm = np.zeros(size), np.ones(size), model.get_vec_normalize_env()
+    if norm is not None:
+        rms: Any = norm.obs_rms
+        mean, std = np.array(rms.mean), np.sqrt(rms.var + norm.epsilon)
+    env = model.get_env()
+    assert env is not None
+    robot = env.get_attr("robot", 0)[0]
+    network = Network(
+        layers=layers,
+        activation=activation,
+        output=output,
+        mean=mean,
+        std=std,
+        clip=_CLIP if norm is not None else np.inf,
+    )
+    return LearnedPolicy(
+        network,
+        control=config.control,
+        share=config.share,
+        ticks=config.ticks,
+        limits=robot.limits,
+        task=config.task,
+        robot=robot.name,
+        observes_intervention=config.observe_intervention,
+        provenance={} if provenance is None else provenance,
+    )

@@ -1,0 +1,219 @@
+"""From a description to a policy: legs between checkpoints, resumed wherever they were cut off."""
+
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+from jssa_gym.evaluation.runner import evaluate
+from jssa_gym.exceptions import CheckpointError
+from jssa_gym.policies.files import read_policy, save_policy
+from jssa_gym.policies.learned import LearnedPolicy
+from jssa_gym.train.checkpoint import Checkpoint, latest_checkpoint, write_checkpoint
+from jssa_gym.train.config import EVALUATION_SEED, TrainConfig
+from jssa_gym.train.environment import control_env
+from jssa_gym.train.history import Leg, Tally, as_rows, from_rows, write_history
+from jssa_gym.train.learner import (
+    BUFFER,
+    PARAMETERS,
+    STATISTICS,
+    build,
+    load_buffer,
+    load_parameters,
+    load_statistics,
+    save_buffer,
+    save_parameters,
+    save_statistics,
+    to_policy,
+)
+
+CHECKPOINTS, BEST, LAST, HISTORY, LOGS = "checkpoints", "best.npz", "last.npz", "history.csv", "tensorboard"
+"""What is in a training's folder."""
+
+_PACKAGES = ("jssa-gym", "stable-baselines3", "sb3-contrib", "torch", "numpy", "gymnasium", "numba")
+
+Say = Callable[[str], Any]
+"""Called with a line about what happens."""
+
+Watch = Callable[[int], Any]
+"""Called with the policy steps so far, often."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Training:
+    """What came out."""
+
+    policy: LearnedPolicy
+    """The best one by the evaluations: most successes without a violation, then the largest return."""
+    history: tuple[Leg, ...]
+    folder: Path
+
+
+def train(
+    config: TrainConfig,
+    folder: str | Path,
+    *,
+    say: Say | None = None,
+    watch: Watch | None = None,
+    device: str = "cpu",
+    command: str = "",
+) -> Training:
+    """Train a policy, or go on with a training that was interrupted.
+
+    A training is cut into legs of ``config.interval`` policy steps. Every leg begins with environments that are reset,
+    and with seeds that depend on the training's seed and the leg's number alone; it ends with an evaluation and a
+    checkpoint. So a training that was killed loses at most the leg that it was in, and what follows is, on the same
+    machine, bit for bit what it would have been.
+
+    Args:
+        config: The training.
+        folder: For checkpoints, ``best.npz`` and ``last.npz`` (see :func:`jssa_gym.load_policy`), ``history.csv`` and
+            TensorBoard's logs; one that is there already is continued. A training that has ended goes on if it is given
+            more ``steps``, unless its learning rate decays.
+        say: Told in a line what happens.
+        watch: Told of the progress.
+        device: Of torch.
+        command: Noted in the policy files as what made them.
+
+    Raises:
+        CheckpointError: The folder is of another training, all its checkpoints are bad, or the disk is full.
+        MissingExtraError: A package is not installed.
+    """
+    folder, tell = Path(folder), say or (lambda line: None)
+    found, refused = latest_checkpoint(folder / CHECKPOINTS)
+    for error in refused:
+        tell(f"passed over a checkpoint: {error}")
+    if found is not None and found.data.get("config") != config.digest:
+        raise CheckpointError(f"{folder} holds another training; give another folder, or the settings that it began with")
+    model = build(config, device)
+    history: tuple[Leg, ...] = ()
+    try:
+        if found is not None:
+            history = _restore(model, found)
+            tell(f"going on from {found.steps:,} policy steps")
+        model.set_logger(configure(str(folder / LOGS), ["tensorboard"]))
+        counter = _Counter(watch)
+        while model.num_timesteps < config.steps:
+            history = _leg(model, config, folder, history, counter, command)
+            last = history[-1]
+            tell(
+                f"{last.steps:,} steps: {last.eval_safe:.0%} success without a violation, "
+                f"{last.eval_moving_contacts} moving contacts in {config.eval_episodes} episodes; training: "
+                f"{last.success:.0%}, {last.moving_contacts} in {last.episodes}"
+            )
+        if not history:
+            raise CheckpointError(f"{folder} has no leg of a training")
+        best = folder / BEST
+        return Training(read_policy(best if best.exists() else folder / LAST), history, folder)
+    finally:
+        env = model.get_env()
+        if env is not None:
+            env.close()
+
+
+def _restore(model: BaseAlgorithm, found: Checkpoint) -> tuple[Leg, ...]:
+    model.num_timesteps = found.steps
+    load_parameters(model, found.file(PARAMETERS))
+    load_statistics(model, found.file(STATISTICS))
+    if isinstance(model, OffPolicyAlgorithm):
+        load_buffer(model, found.file(BUFFER))
+    return from_rows(found.data["history"])
+
+
+def _leg(
+    model: BaseAlgorithm,
+    config: TrainConfig,
+    folder: Path,
+    history: tuple[Leg, ...],
+    counter: "_Counter",
+    command: str,
+) -> tuple[Leg, ...]:
+    """Learn for one interval, evaluate, write everything; the history with the new leg."""
+    number = len(history)
+    model.set_random_seed(_seed(config.seed, number))
+    model._last_obs = None  # the environments begin anew, as they would after an interruption
+    end = min((number + 1) * config.interval, config.steps)
+    begun = time.monotonic()
+    model.learn(max(end - model.num_timesteps, 1), counter, reset_num_timesteps=False, log_interval=_log_interval(model))
+    seconds = time.monotonic() - begun
+    policy = to_policy(model, config)
+    report = evaluate(partial(control_env, config), policy, config.eval_episodes, EVALUATION_SEED)
+    leg = counter.tally.leg(model.num_timesteps, seconds, report)
+    history = (*history, leg)
+    _log(model, leg)
+    policy = policy.with_provenance(_provenance(config, history, command))
+    if leg == max(reversed(history), key=lambda one: (one.eval_safe, one.eval_return)):
+        save_policy(folder / BEST, policy)
+    save_policy(folder / LAST, policy)
+    writers = {PARAMETERS: partial(save_parameters, model), STATISTICS: partial(save_statistics, model)}
+    if isinstance(model, OffPolicyAlgorithm):
+        writers[BUFFER] = partial(save_buffer, model)
+    data = {"config": config.digest, "training": config.as_dict(), "history": as_rows(history)}
+    write_checkpoint(folder / CHECKPOINTS, model.num_timesteps, data, writers)
+    write_history(folder / HISTORY, history)
+    return history
+
+
+class _Counter(BaseCallback):
+    """Looks at every episode that ends during the learning."""
+
+    def __init__(self, watch: Watch | None) -> None:
+        super().__init__()
+        self.tally, self._watch = Tally(), watch
+
+    def _on_training_start(self) -> None:
+        self.tally = Tally()
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            self.tally.take(info)
+        if self._watch is not None:
+            self._watch(self.num_timesteps)
+        return True
+
+
+def _seed(seed: int, leg: int) -> int:
+    """Of a leg: nothing in common with its neighbours, below what evaluations use."""
+    return int(np.random.SeedSequence([seed, leg]).generate_state(1)[0] % 1_000_000_000)
+
+
+def _log_interval(model: BaseAlgorithm) -> int:
+    return 100 if isinstance(model, OffPolicyAlgorithm) else 1  # episodes, or updates
+
+
+def _log(model: BaseAlgorithm, leg: Leg) -> None:
+    for name in ("success", "collisions", "moving_contacts", "limit_violations", "interventions"):
+        model.logger.record(f"safety/{name}", getattr(leg, name))
+    for name in ("success", "safe", "moving_contacts", "interventions", "return"):
+        model.logger.record(f"eval/{name}", getattr(leg, f"eval_{name}"))
+    model.logger.dump(leg.steps)
+
+
+def _provenance(config: TrainConfig, history: Sequence[Leg], command: str) -> Mapping[str, Any]:
+    return {
+        "command": command,
+        "training": config.as_dict(),
+        "steps": history[-1].steps,
+        "seconds": round(sum(leg.seconds for leg in history), 1),
+        "versions": {"python": platform.python_version(), **{name: v for name in _PACKAGES if (v := _version(name))}},
+        "curve": [[leg.steps, leg.eval_safe, leg.eval_moving_contacts] for leg in history],
+        "training_episodes": sum(leg.episodes for leg in history),
+        "training_moving_contacts": sum(leg.moving_contacts for leg in history),
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,122 @@
+"""Hyper-parameters: one typed place, what is set by default and what each task changes."""
+
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, ClassVar, Literal
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.validation import number_within, positive_integer, positive_number
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What every algorithm has.
+
+    Raises:
+        ParameterError: A number is out of range.
+    """
+
+    algorithm: ClassVar[str]
+    learning_rate: float = 3e-4
+    decay: bool = False
+    """Whether the learning rate falls linearly to 0 over the training."""
+    batch_size: int = 256
+    gamma: float = 0.97
+    """Discount of a policy step; at 12.5 Hz a reward counts half after 1.8 s."""
+    width: int = 64
+    """Units of a hidden layer."""
+    layers: int = 2
+    """Hidden layers."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type is int or field.type == "int":
+                positive_integer(field.name, value)
+            elif field.name in ("gamma", "gae_lambda", "tau", "clip_range"):
+                number_within(field.name, value, 0.0, 1.0)
+        positive_number("learning_rate", self.learning_rate)
+
+    def changed(self, changes: dict[str, str]) -> "Settings":
+        """With some fields given as text, as on a command line.
+
+        Raises:
+            ParameterError: A name is unknown or a text is no such value.
+        """
+        known = {field.name: type(getattr(self, field.name)) for field in fields(self)}
+        values: dict[str, Any] = {}
+        for name, text in changes.items():
+            if name not in known:
+                raise ParameterError(f"unknown setting {name!r} of {self.algorithm}; valid: {', '.join(known)}")
+            kind = known[name]
+            try:
+                values[name] = _truth(text) if kind is bool else kind(text)
+            except ValueError as error:
+                raise ParameterError(f"{name} has to be of type {kind.__name__}, got {text!r}") from error
+        return replace(self, **values)
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON can hold it."""
+        return {"algorithm": self.algorithm, **asdict(self)}
+
+
+def _truth(text: str) -> bool:
+    if text.lower() not in ("true", "false"):
+        raise ValueError(text)
+    return text.lower() == "true"
+
+
+@dataclass(frozen=True, slots=True)
+class PPO(Settings):
+    """Proximal policy optimisation."""
+
+    algorithm: ClassVar[str] = "ppo"
+    decay: bool = True
+    rollout: int = 4096
+    """Policy steps, of all environments together, between two updates."""
+    n_epochs: int = 10
+    batch_size: int = 512
+    gae_lambda: float = 0.95
+    clip_range: float = 0.2
+    ent_coef: float = 0.0
+    log_std: float = -1.0
+    """Logarithm of the exploration's standard deviation at the beginning."""
+
+
+@dataclass(frozen=True, slots=True)
+class OffPolicy(Settings):
+    """What algorithms with a replay buffer share."""
+
+    buffer_size: int = 300_000
+    learning_starts: int = 5_000
+    tau: float = 0.005
+    updates: float = 0.5
+    """Gradient steps for every policy step."""
+
+
+@dataclass(frozen=True, slots=True)
+class SAC(OffPolicy):
+    """Soft actor-critic."""
+
+    algorithm: ClassVar[str] = "sac"
+
+
+@dataclass(frozen=True, slots=True)
+class TQC(OffPolicy):
+    """Truncated quantile critics; needs ``sb3-contrib``."""
+
+    algorithm: ClassVar[str] = "tqc"
+
+
+@dataclass(frozen=True, slots=True)
+class TD3(OffPolicy):
+    """Twin delayed deep deterministic policy gradient."""
+
+    algorithm: ClassVar[str] = "td3"
+    noise: float = 0.1
+    """Standard deviation of the exploration noise, in action bounds."""
+
+
+ALGORITHMS: dict[str, type[Settings]] = {"ppo": PPO, "sac": SAC, "td3": TD3, "tqc": TQC}
+"""Algorithms by name."""
+
+Algorithm = Literal["ppo", "sac", "td3", "tqc"]
