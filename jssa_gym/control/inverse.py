@@ -118,7 +118,7 @@ def postures_for(
     """
     target = real_array("point", point, (3,), "a point in world coordinates [m]")
     if farther_than_stretched(robot, target):
-        raise UnreachableError(f"{target.tolist()} m is farther away than {robot.name} is long")
+        raise UnreachableError(f"no posture of {robot.name} brings the tool to {target.tolist()} m: it is not so long")
     low, high = robot.limits.position.T
     seeds = [near]
     for k in range(restarts):
