@@ -8,8 +8,8 @@ import scipy.sparse
 from test_control_plan import DT, assert_kept, one_joint, played, rest
 
 from jssa_gym.control import moves, plan_approach, plan_brake, plan_move
-from jssa_gym.control.inverse import postures_for, way_is_clear
-from jssa_gym.control.moves import fewest_ticks
+from jssa_gym.control.inverse import farther_than_stretched, postures_for, way_is_clear
+from jssa_gym.control.moves import brake_jerk, fewest_ticks
 from jssa_gym.envs import ArmEnv
 from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
 from jssa_gym.safety.postures import clearances, tool_point
@@ -219,6 +219,27 @@ def test_a_seed_fixes_the_postures(robot):
 def test_what_cannot_be_reached_is_said_to_be(robot, point):
     with pytest.raises(UnreachableError, match="no posture"):
         postures_for(robot, point, TABLE, np.array(robot.home), np.random.default_rng(0))
+
+
+def test_no_posture_reaches_farther_than_the_stretched_arm(robot):
+    """The bound that spares a search is above what any posture reaches, and not far above."""
+    rng, (low, high) = np.random.default_rng(0), robot.limits.position.T
+    tips = np.array([tool_point(robot, rng.uniform(low, high)) for _ in range(3000)])
+    assert not any(farther_than_stretched(robot, tip) for tip in tips)
+    shoulder = robot.links["offset"][0]
+    beyond = shoulder + 1.35 * (tips - shoulder)
+    assert farther_than_stretched(robot, beyond[np.argmax(np.linalg.norm(tips - shoulder, axis=1))])
+
+
+def test_the_first_jerk_of_a_brake_is_the_brake_s_first(robot):
+    rng, limits = np.random.default_rng(1), robot.limits
+    for _ in range(200):
+        state = JointState(
+            rng.uniform(*limits.position.T), *(rng.uniform(-x, x) for x in (limits.velocity, limits.acceleration))
+        )
+        np.testing.assert_array_equal(brake_jerk(state, limits, DT), plan_brake(state, limits, DT).jerk[0])
+    rest = np.zeros(robot.n)
+    np.testing.assert_array_equal(brake_jerk(JointState(np.array(robot.home), rest, rest), limits, DT), rest)
 
 
 def test_a_point_is_three_numbers(robot):

@@ -21,6 +21,9 @@ _STEPS = 60
 _STRIDE = 0.3
 """No joint moves further in one step [rad]."""
 
+_STALL = 12
+"""After so many steps that bring the tool no nearer a descent is given up."""
+
 _PULL = 0.1
 """Share of the way back to the present posture that every step takes where it does not move the tool."""
 
@@ -48,12 +51,16 @@ def descend(robot: RobotModel, point: Array, seed: Array, near: Array, margin: f
     """
     low, high = robot.limits.position[:, 0] + margin, robot.limits.position[:, 1] - margin
     q = np.clip(seed, low, high)
+    nearest, since = np.inf, 0
     for _ in range(_STEPS):
         tip, J = _tip_and_jacobian(robot, q)
         gap = point - tip
         far = float(np.linalg.norm(gap))
         if far <= PRECISION:
             return q
+        nearest, since = (far, 0) if far < 0.98 * nearest else (nearest, since + 1)
+        if since >= _STALL:
+            return None
         damping = min(_DAMPING, far)
         inverse = J.T @ np.linalg.inv(J @ J.T + (damping**2 + 1e-9) * np.eye(3))
         home = _PULL * (near - q) * min(1.0, far / 0.1)  # fades, so that it ends
@@ -61,6 +68,18 @@ def descend(robot: RobotModel, point: Array, seed: Array, near: Array, margin: f
         step *= min(1.0, _STRIDE / max(np.abs(step).max(), 1e-12))
         q = np.clip(q + step, low, high)
     return None
+
+
+def farther_than_stretched(robot: RobotModel, point: Array) -> bool:
+    """Whether a point is out of reach by the triangle inequality: no posture needs to be looked for.
+
+    Args:
+        robot: The arm, where it stands.
+        point: In the world, shape (3,) [m].
+    """
+    offsets = robot.links["offset"]
+    length = np.linalg.norm(offsets[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset)
+    return bool(np.linalg.norm(point - offsets[0]) > length)
 
 
 def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, clear: float) -> bool:
@@ -98,6 +117,8 @@ def postures_for(
         UnreachableError: None was found.
     """
     target = real_array("point", point, (3,), "a point in world coordinates [m]")
+    if farther_than_stretched(robot, target):
+        raise UnreachableError(f"no posture of {robot.name} brings the tool to {target.tolist()} m: it is not so long")
     low, high = robot.limits.position.T
     seeds = [near]
     for k in range(restarts):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jssa_gym.control.moves import plan_brake
+from jssa_gym.control.moves import brake_jerk, plan_brake
 from jssa_gym.control.plan import Plan
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.motion import integrate
@@ -260,9 +260,7 @@ class JPC:
     def _jerk(self, state: Array) -> Array:
         jerk = np.zeros(state.shape[1])
         if self.phase is Phase.YIELDING:
-            brake = plan_brake(JointState(*state), self.limits, self.dt)
-            if len(brake):
-                jerk = brake.jerk[0].copy()
+            jerk = brake_jerk(JointState(*state), self.limits, self.dt)
             self._expected = np.empty_like(state)
             integrate(np.ascontiguousarray(state), jerk, self.dt, self._expected)
             return jerk

@@ -1,7 +1,7 @@
 """Moves from one posture to another, and stops."""
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.control.least_jerk import FEWEST
 from jssa_gym.control.plan import TOLERANCE, Plan, plan_waypoints
@@ -65,7 +65,8 @@ def _shape(n_j: int, n_a: int, n_v: int, dt: float) -> Array:
     return unit * signs
 
 
-def _within(position: Array, limits: JointLimits) -> bool:
+def within_range(position: Array, limits: JointLimits) -> bool:
+    """Whether all joints, shape (n,) [rad], are inside their position limits."""
     low, high = limits.position.T
     return bool(np.all(position >= low - TOLERANCE) and np.all(position <= high + TOLERANCE))
 
@@ -92,7 +93,7 @@ def plan_move(start: ArrayLike, goal: ArrayLike, limits: JointLimits, dt: float)
     begin = real_array("start", start, (n,), "a joint position [rad]")
     end = real_array("goal", goal, (n,), "a joint position [rad]")
     # first of all: towards an arm that was thrown far out of its range, plans have no end
-    if not (_within(begin, limits) and _within(end, limits)):
+    if not (within_range(begin, limits) and within_range(end, limits)):
         raise InfeasibleError(f"a move from {begin.tolist()} to {end.tolist()} leaves the position limits")
     way, rest = end - begin, np.zeros(n)
     state = np.array([begin, rest, rest])
@@ -139,7 +140,7 @@ def plan_approach(state: JointState, goal: ArrayLike, limits: JointLimits, dt: f
     if not (np.any(state.velocity) or np.any(state.acceleration)):
         return plan_move(state.position, goal, limits, dt)
     end = real_array("goal", goal, (len(limits.jerk),), "a joint position [rad]")
-    if not (_within(state.position, limits) and _within(end, limits)):
+    if not (within_range(state.position, limits) and within_range(end, limits)):
         raise InfeasibleError(f"no move from {state} to {goal} keeps the position limits")
     low, high = limits.position.T
     brake = plan_brake(state, limits, dt)
@@ -161,10 +162,25 @@ def plan_brake(state: JointState, limits: JointLimits, dt: float) -> Plan:
 
     Whether it keeps the position limits depends on the state; :meth:`Plan.keeps` tells.
     """
+    rows, stops, ticks = _stop(state, limits, dt)
+    jerk = np.zeros((ticks, rows.shape[1]))
+    for k in range(ticks):
+        stop_jerk(stops, k, jerk[k])
+    return Plan.follow(rows, jerk, dt, (ticks,))
+
+
+def brake_jerk(state: JointState, limits: JointLimits, dt: float) -> Array:
+    """The first jerk of :func:`plan_brake`, shape (n,) [rad/s³]; zero at rest."""
+    rows, stops, ticks = _stop(state, limits, dt)
+    jerk = np.zeros(rows.shape[1])
+    if ticks:
+        stop_jerk(stops, 0, jerk)
+    return jerk
+
+
+def _stop(state: JointState, limits: JointLimits, dt: float) -> tuple[Array, NDArray, int]:
+    """The state as rows, its stop by joints, and how many ticks that takes."""
     rows = np.array(state, float)
     bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
     stops = records(rows.shape[1], STOP)
-    jerk = np.zeros((plan_stop(rows, bounds, dt, stops), rows.shape[1]))
-    for k in range(len(jerk)):
-        stop_jerk(stops, k, jerk[k])
-    return Plan.follow(rows, jerk, dt, (len(jerk),))
+    return rows, stops, plan_stop(rows, bounds, dt, stops)

@@ -10,7 +10,7 @@ import numpy as np
 
 from jssa_gym.control.inverse import postures_for, way_is_clear
 from jssa_gym.control.jpc import JPC, Phase, Request
-from jssa_gym.control.moves import plan_approach, plan_move
+from jssa_gym.control.moves import plan_approach, plan_move, within_range
 from jssa_gym.control.plan import Plan, plan_waypoints
 from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
 from jssa_gym.robots import JointLimits
@@ -149,6 +149,9 @@ class JPCPolicy:
     def _plan(self, request: Request, goal: Array, planes: Any) -> Plan | None:
         """The host: a plan from the requested state through what is left of the task; None if there is none."""
         state = JointState(*request.state)
+        if not within_range(state.position, self._robot.limits):
+            _logger.info("no plan: the arm was thrown out of its range")
+            return None
         try:
             if self._tip:
                 return self._to_point(state, goal, planes)
