@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.evaluation import RecordSafety, Report, evaluate
     from jssa_gym.humans import HUMANS, HumanMotion
-    from jssa_gym.policies import POLICIES, HoldPolicy, JPCPolicy, RandomPolicy, StraightPolicy
+    from jssa_gym.policies import POLICIES, HoldPolicy, JPCPolicy, LearnedPolicy, RandomPolicy, StraightPolicy
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
     from jssa_gym.safety.boundary import Domain
     from jssa_gym.safety.certify import certify
@@ -49,6 +49,7 @@ _HOMES = {
     "JSSAShield": "jssa_gym.shields",
     "JointLimits": "jssa_gym.robots",
     "JointState": "jssa_gym.types",
+    "LearnedPolicy": "jssa_gym.policies",
     "POLICIES": "jssa_gym.policies",
     "ROBOTS": "jssa_gym.robots",
     "RandomPolicy": "jssa_gym.policies",
@@ -88,6 +89,7 @@ __all__ = [
     "JSSAShield",
     "JointLimits",
     "JointState",
+    "LearnedPolicy",
     "RandomPolicy",
     "RecordSafety",
     "Report",

@@ -11,7 +11,10 @@ from jssa_gym.policies.adversarial import (
     LimitSeekingPolicy,
     SteeredPolicy,
 )
+from jssa_gym.policies.files import read_policy, save_policy
 from jssa_gym.policies.jpc import JPCPolicy
+from jssa_gym.policies.learned import LearnedPolicy
+from jssa_gym.policies.network import Network
 from jssa_gym.policies.scripted import HoldPolicy, Policy, RandomPolicy, WanderPolicy
 from jssa_gym.policies.straight import StraightPolicy
 
@@ -44,10 +47,14 @@ __all__ = [
     "ConstantPolicy",
     "HoldPolicy",
     "JPCPolicy",
+    "LearnedPolicy",
     "LimitSeekingPolicy",
+    "Network",
     "Policy",
     "RandomPolicy",
     "SteeredPolicy",
     "StraightPolicy",
     "WanderPolicy",
+    "read_policy",
+    "save_policy",
 ]
