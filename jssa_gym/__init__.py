@@ -20,7 +20,15 @@ if TYPE_CHECKING:
     from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.evaluation import RecordSafety, Report, evaluate
     from jssa_gym.humans import HUMANS, HumanMotion
-    from jssa_gym.policies import POLICIES, HoldPolicy, JPCPolicy, LearnedPolicy, RandomPolicy, StraightPolicy
+    from jssa_gym.policies import (
+        POLICIES,
+        HoldPolicy,
+        JPCPolicy,
+        LearnedPolicy,
+        RandomPolicy,
+        StraightPolicy,
+        load_policy,
+    )
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
     from jssa_gym.safety.boundary import Domain
     from jssa_gym.safety.certify import certify
@@ -65,6 +73,7 @@ _HOMES = {
     "StraightPolicy": "jssa_gym.policies",
     "certify": "jssa_gym.safety.certify",
     "evaluate": "jssa_gym.evaluation",
+    "load_policy": "jssa_gym.policies",
     "make_filter": "jssa_gym.shields",
 }
 
@@ -104,6 +113,7 @@ __all__ = [
     "__version__",
     "certify",
     "evaluate",
+    "load_policy",
     "make_filter",
 ]
 

@@ -1,8 +1,13 @@
 """Trained policies: what the network computes, what a file may hold, and what never runs."""
 
 import dataclasses
+import hashlib
+import io
 import itertools
+import json
 import pickle
+import warnings
+import zipfile
 
 import gymnasium as gym
 import numpy as np
@@ -10,8 +15,8 @@ import pytest
 
 import jssa_gym
 from jssa_gym.envs.arm import ArmEnv
-from jssa_gym.exceptions import ParameterError
-from jssa_gym.policies import LearnedPolicy, Network, read_policy, save_policy
+from jssa_gym.exceptions import JSSAGymError, ParameterError, PolicyFileError
+from jssa_gym.policies import LearnedPolicy, Network, policy_file, read_policy, save_policy, shipped_policies
 
 N = 6
 
@@ -253,3 +258,366 @@ class TestFiles:
     def test_the_same_policy_has_the_same_bytes(self, policy, saved, tmp_path):
         save_policy(tmp_path / "again.npz", read_policy(saved))
         assert (tmp_path / "again.npz").read_bytes() == saved.read_bytes()
+
+    def test_a_file_that_was_cut_off_anywhere_is_refused(self, saved, tmp_path):
+        content = saved.read_bytes()
+        rng, path = np.random.default_rng(0), tmp_path / "cut.npz"
+        for end in (0, 1, 63, 64, 65, len(content) - 1, *rng.integers(0, len(content), 100)):
+            path.write_bytes(content[:end])
+            with pytest.raises(PolicyFileError):
+                read_policy(path)
+
+    def test_a_flipped_bit_is_noticed_wherever_it_is(self, saved, tmp_path):
+        content = saved.read_bytes()
+        rng, path = np.random.default_rng(0), tmp_path / "flipped.npz"
+        for bit in rng.choice(8 * len(content), 1000, replace=False):
+            path.write_bytes(flipped(content, bit))
+            with pytest.raises(PolicyFileError, match="SHA-256"):
+                read_policy(path)
+
+    def test_behind_the_digest_a_flipped_bit_is_refused_or_changes_nothing(self, policy, saved, tmp_path):
+        content = saved.read_bytes()[:-64]
+        rng, path = np.random.default_rng(1), tmp_path / "flipped.npz"
+        directory = content.rindex(b"PK\x01\x02", 0, content.index(b"PK\x01\x02") + 4)
+        inside = rng.choice(8 * directory, 500, replace=False)
+        outside = rng.choice(np.arange(8 * directory, 8 * len(content)), 500, replace=False)
+        accepted = 0
+        for bit in (*inside, *outside):
+            path.write_bytes(seal(flipped(content, bit)))
+            try:
+                found = read_policy(path)
+            except PolicyFileError:
+                continue
+            accepted += 1
+            assert same(found, policy)
+        # times and attributes of members, which say nothing about a policy
+        assert 0 < accepted < 500
+
+    def test_what_cannot_be_read_or_written_is_said(self, policy, tmp_path):
+        for missing in (tmp_path / "no.npz", tmp_path, tmp_path / "nul\0.npz"):
+            with pytest.raises(PolicyFileError, match="cannot read"):
+                read_policy(missing)
+        with pytest.raises(PolicyFileError, match="less provenance"):
+            save_policy(tmp_path / "p.npz", dataclasses.replace(policy, provenance={"x": "x" * 2**20}))
+        with pytest.raises(FileNotFoundError):
+            save_policy(tmp_path / "no" / "p.npz", policy)
+        (tmp_path / "large.npz").write_bytes(bytes(64 * 2**20 + 1))
+        with pytest.raises(PolicyFileError, match="more than 67108864 bytes"):
+            read_policy(tmp_path / "large.npz")
+        assert not (tmp_path / "p.npz").exists()
+
+
+def seal(body: bytes) -> bytes:
+    """A body with a digest that is right, as whoever means harm would write it."""
+    return body + hashlib.sha256(body).hexdigest().encode()
+
+
+def flipped(content: bytes, bit: int) -> bytes:
+    changed = bytearray(content)
+    changed[bit // 8] ^= 1 << bit % 8
+    return bytes(changed)
+
+
+def members_of(path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def write_members(path, members, compression=zipfile.ZIP_STORED, change=lambda body: body):
+    """A sealed archive of members, which may have any names, twice too."""
+    buffer = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of names that come twice
+        with zipfile.ZipFile(buffer, "w", compression) as archive:
+            for name, content in members.items() if isinstance(members, dict) else members:
+                archive.writestr(name, content)
+            archive.comment = b"0" * 64
+    path.write_bytes(seal(change(buffer.getvalue()[:-64])))
+
+
+class Sentinel:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, path) -> None:
+        self.path = str(path)
+
+    def __reduce__(self):
+        return open, (self.path, "w")
+
+
+def packed(array) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def npy(header: str, data: bytes = b"", version: bytes = b"\x01\x00") -> bytes:
+    text = (header + " " * (-(len(header) + 11) % 64) + "\n").encode()
+    return b"\x93NUMPY" + version + len(text).to_bytes(2, "little") + text + data
+
+
+def described(shape: str, kind: str = "<f4") -> str:
+    return f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}"
+
+
+class TestWhatNoFileMayHold:
+    def test_a_file_that_is_written_anew_as_it_was_is_read(self, policy, saved, tmp_path):
+        write_members(tmp_path / "same.npz", members_of(saved))
+        assert same(policy, read_policy(tmp_path / "same.npz"))
+
+    @pytest.mark.parametrize(
+        ("key", "value", "message"),
+        [
+            ("shield", False, "unexpected or missing keys of policy.json: 'shield'"),
+            ("terminate_on", [], "'terminate_on'"),
+            ("filter", "none", "'filter'"),
+            ("env_kwargs", {}, "'env_kwargs'"),
+            ("share", ..., "unexpected or missing keys of policy.json: 'share'"),
+            ("format", "jssa_gym trace", "does not say that it is one"),
+            ("format", ..., "does not say that it is one"),
+            ("version", 2, "version 2; this package reads 1"),
+            ("version", True, "version True"),
+            ("version", ..., "version None"),
+            ("activation", "gelu", "unknown activation"),
+            ("activation", ["tanh"], "unknown activation"),
+            ("output", {"clip": 1}, "unknown output"),
+            ("clip", -1.0, "clip has to be"),
+            ("clip", "10", "clip has to be"),
+            ("clip", float("nan"), "clip has to be"),
+            ("control", "torque", "unknown control"),
+            ("share", 2.0, "share has to be"),
+            ("share", "0.5", "share has to be"),
+            ("share", float("nan"), "share has to be"),
+            ("share", 10**400, "int too large"),
+            ("ticks", 1.5, "ticks has to be"),
+            ("ticks", True, "ticks has to be"),
+            ("task", 3, "task has to be"),
+            ("robot", None, "robot has to be"),
+            ("observes_intervention", "no", "observes_intervention has to be"),
+            ("provenance", [], "provenance has to be"),
+            ("provenance", {"loss": float("inf")}, "provenance has to be"),
+            ("limits", [], "limits is no object"),
+            ("limits", {}, "keys of limits"),
+        ],
+    )
+    def test_keys_and_values(self, saved, tmp_path, key, value, message):
+        members = members_of(saved)
+        header = json.loads(members["policy.json"])
+        if value is ...:
+            del header[key]
+        else:
+            header[key] = value
+        write_members(tmp_path / "bad.npz", {**members, "policy.json": json.dumps(header)})
+        with pytest.raises(PolicyFileError, match=message):
+            read_policy(tmp_path / "bad.npz")
+
+    @pytest.mark.parametrize("name", ["position", "velocity", "jerk"])
+    @pytest.mark.parametrize(
+        "value",
+        [[], [1.0], ["1.0"] * 6, [True] * 6, [None] * 6, [1e999] * 6, [-1.0] * 6, [10**400] * 6, {}, [[1.0, 2.0]]],
+    )
+    def test_limits(self, saved, tmp_path, name, value):
+        members = members_of(saved)
+        header = json.loads(members["policy.json"])
+        header["limits"][name] = value
+        write_members(tmp_path / "bad.npz", {**members, "policy.json": json.dumps(header)})
+        with pytest.raises(PolicyFileError, match="holds no policy"):
+            read_policy(tmp_path / "bad.npz")
+
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            (b"", "Expecting value"),
+            (b"[]", "does not say"),
+            (b"null", "does not say"),
+            (b"\xff\xfe", "can't decode"),
+            (b'{"format": "jssa_gym policy", "format": "jssa_gym policy"}', "a key twice"),
+            (b"[" * 500_000, "recursion"),
+            (b'{"a":' * 100_000, "recursion"),
+            (b" " * (2**20 + 1), "more than 1048576"),
+            (b'{"format": ' + b"9" * 5000 + b"}", "digits"),
+        ],
+    )
+    def test_text(self, saved, tmp_path, text, message):
+        write_members(tmp_path / "bad.npz", {**members_of(saved), "policy.json": text})
+        with pytest.raises(PolicyFileError, match=message):
+            read_policy(tmp_path / "bad.npz")
+
+    @pytest.mark.parametrize(
+        "content",
+        [
+            b"",
+            b"x" * 200,
+            npy(described("(16, 39)"))[:60],
+            packed(np.ones((16, 39))),
+            packed(np.ones((16, 39), ">f4")),
+            packed(np.ones((16, 39), np.int32)),
+            packed(np.ones((16, 39), np.complex64)),
+            packed(np.ones((39, 16), np.float32).T),
+            packed(np.ones((16, 39, 1), np.float32)),
+            packed(np.float32(1.0)),
+            packed(np.ones((16, 38), np.float32)),
+            packed(np.ones((0, 39), np.float32)),
+            packed(np.full((16, 39), np.nan, np.float32)),
+            packed(np.full((16, 39), np.inf, np.float32)),
+            packed(np.ones((16, 39), np.float32)) + b"more",
+            packed(np.ones((16, 39), np.float32))[:-4],
+            npy(described("(99999, 99999)"), bytes(100)),
+            npy(described("(999999999999, 999999999999)"), bytes(100)),
+            npy(described("(16, -39)"), bytes(4 * 16 * 39)),
+            npy(described("(16L, 39L)"), bytes(4 * 16 * 39)),
+            npy(described("(16, 39)", "|O"), bytes(4 * 16 * 39)),
+            npy(described("(16, 39)"), bytes(4 * 16 * 39), version=b"\x02\x00"),
+            npy("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (16, 39), }", bytes(4 * 16 * 39)),
+            npy("(" * 300, bytes(4 * 16 * 39)),
+        ],
+    )
+    def test_arrays(self, saved, tmp_path, content):
+        write_members(tmp_path / "bad.npz", {**members_of(saved), "weight_0.npy": content})
+        with pytest.raises(PolicyFileError, match="holds no policy"):
+            read_policy(tmp_path / "bad.npz")
+
+    @pytest.mark.parametrize("name", ["mean.npy", "std.npy", "bias_2.npy", "weight_1.npy", "policy.json"])
+    def test_missing_members(self, saved, tmp_path, name):
+        members = members_of(saved)
+        del members[name]
+        write_members(tmp_path / "bad.npz", members)
+        with pytest.raises(PolicyFileError, match=f"unexpected or missing members: .*{name}"):
+            read_policy(tmp_path / "bad.npz")
+
+    @pytest.mark.parametrize(
+        "name",
+        [
+            "../../outside.npy",
+            "/etc/outside.npy",
+            "sub/weight_0.npy",
+            "weight_00.npy",
+            "weight_9.npy",
+            "shield.json",
+            "a/",
+        ],
+    )
+    def test_other_members(self, saved, tmp_path, name):
+        write_members(tmp_path / "bad.npz", {**members_of(saved), name: b"x"})
+        with pytest.raises(PolicyFileError, match=f"unexpected or missing members: .*{name}"):
+            read_policy(tmp_path / "bad.npz")
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.npz", "policy.npz"]
+
+    def test_too_many_members(self, saved, tmp_path):
+        members = members_of(saved)
+        members |= {f"{kind}_{k}.npy": members["bias_0.npy"] for k in range(3, 1000) for kind in ("weight", "bias")}
+        write_members(tmp_path / "bad.npz", members)
+        with pytest.raises(PolicyFileError, match="unexpected or missing members"):
+            read_policy(tmp_path / "bad.npz")
+
+    def test_members_of_the_same_name(self, saved, tmp_path):
+        write_members(tmp_path / "bad.npz", [*members_of(saved).items(), ("policy.json", b"{}")])
+        with pytest.raises(PolicyFileError, match="members of the same name"):
+            read_policy(tmp_path / "bad.npz")
+
+    def test_compressed_members(self, saved, tmp_path):
+        for compression in (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):
+            write_members(tmp_path / "bad.npz", members_of(saved), compression)
+            with pytest.raises(PolicyFileError, match="encrypted or compressed"):
+                read_policy(tmp_path / "bad.npz")
+        bomb = {**members_of(saved), "weight_0.npy": npy(described("(4096, 4096)"), bytes(4 * 4096 * 4096))}
+        write_members(tmp_path / "bad.npz", bomb, zipfile.ZIP_DEFLATED)
+        assert (tmp_path / "bad.npz").stat().st_size < 2**17
+        with pytest.raises(PolicyFileError, match="encrypted or compressed"):
+            read_policy(tmp_path / "bad.npz")
+
+    def test_encrypted_members(self, saved, tmp_path):
+        def encrypted(body: bytes) -> bytes:
+            at = body.index(b"PK\x01\x02") + 8
+            return body[:at] + b"\x01" + body[at + 1 :]
+
+        write_members(tmp_path / "bad.npz", members_of(saved), change=encrypted)
+        with pytest.raises(PolicyFileError, match="encrypted or compressed"):
+            read_policy(tmp_path / "bad.npz")
+
+    def test_members_that_claim_to_be_larger_than_the_file(self, saved, tmp_path):
+        def larger(body: bytes) -> bytes:
+            at = body.index(b"PK\x01\x02") + 20
+            return body[:at] + 2 * (2**31 - 1).to_bytes(4, "little") + body[at + 8 :]
+
+        write_members(tmp_path / "bad.npz", members_of(saved), change=larger)
+        with pytest.raises(PolicyFileError, match="claim to be larger"):
+            read_policy(tmp_path / "bad.npz")
+
+    def test_pickled_arrays_never_run(self, saved, tmp_path):
+        ran = tmp_path / "ran"
+        content = packed(np.array([Sentinel(ran)], object))
+        np.load(io.BytesIO(content), allow_pickle=True)[0].close()
+        assert ran.exists()  # it would
+        ran.unlink()
+        for name in ("weight_0.npy", "mean.npy", "policy.json"):
+            write_members(tmp_path / "bad.npz", {**members_of(saved), name: content})
+            with pytest.raises(PolicyFileError):
+                jssa_gym.load_policy(tmp_path / "bad.npz")
+            with pytest.raises(PolicyFileError):
+                jssa_gym.load_policy(tmp_path / "bad.npz", trust_pickle=True)
+        assert not ran.exists()
+
+
+class TestNames:
+    def test_a_path_is_read(self, policy, saved):
+        for path in (saved, str(saved)):
+            assert same(policy, jssa_gym.load_policy(path))
+
+    def test_what_is_neither_a_name_nor_a_file_is_refused(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("jssa_gym.policies.loading.SHIPPED", tmp_path)
+        (tmp_path / "reach-ppo.npz").touch()
+        for name in ("nobody", "policy.pkl", "policy.pth", "policy.yaml", "", 3, None):
+            with pytest.raises(ParameterError, match=r"unknown policy .*; shipped: reach-ppo; or a file that ends in"):
+                jssa_gym.load_policy(name)
+
+    def test_a_shipped_name_is_read(self, policy, tmp_path, monkeypatch):
+        monkeypatch.setattr("jssa_gym.policies.loading.SHIPPED", tmp_path)
+        save_policy(tmp_path / "reach-test.npz", policy)
+        assert shipped_policies() == ("reach-test",)
+        assert same(policy, jssa_gym.load_policy("reach-test"))
+
+    @pytest.mark.parametrize("name", shipped_policies())
+    def test_every_shipped_policy_says_where_it_comes_from_and_fits_its_task(self, name):
+        policy = jssa_gym.load_policy(name)
+        assert policy.provenance["command"]
+        if not policy.observes_intervention:
+            policy.check(ArmEnv(policy.task))
+        path = policy_file(name)
+        assert path.stat().st_size < 2**20
+
+
+def layers_of(shield) -> dict:
+    inside = shield.filter
+    return {
+        "filter": type(inside).__name__,
+        "viability": inside.viability,
+        "failsafe": inside.failsafe,
+        "guard": inside._guard is not None,
+        "params": inside.params,
+    }
+
+
+def test_a_policy_leaves_every_layer_of_a_shield_on(saved):
+    fresh = gym.make("jssa_gym/ReachShielded-v0", terminate_on=())
+    wanted = layers_of(fresh)
+    assert wanted["viability"]
+    assert wanted["guard"]
+    env = gym.make("jssa_gym/ReachShielded-v0", terminate_on=())
+    policy, statuses = jssa_gym.load_policy(saved), set()
+    policy.check(env)
+    for seed in range(3):
+        observation, info = env.reset(seed=seed)
+        for _ in range(400):
+            observation, _, _, _, info = env.step(policy(observation))
+            statuses.add(info["shield/status"])
+            assert not info["limit_violation"]
+            assert info["contact_speed"] < 1e-3
+    assert layers_of(env) == wanted
+    assert len(statuses) > 1
+    assert env.unwrapped.terminate_on == ()
+
+
+def test_every_error_about_files_is_the_packages_own():
+    assert issubclass(PolicyFileError, JSSAGymError)
+    assert issubclass(PolicyFileError, ValueError)

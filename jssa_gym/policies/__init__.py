@@ -12,8 +12,10 @@ from jssa_gym.policies.adversarial import (
     SteeredPolicy,
 )
 from jssa_gym.policies.files import read_policy, save_policy
+from jssa_gym.policies.foreign import convert_sb3
 from jssa_gym.policies.jpc import JPCPolicy
 from jssa_gym.policies.learned import LearnedPolicy
+from jssa_gym.policies.loading import load_policy, policy_file, shipped_policies
 from jssa_gym.policies.network import Network
 from jssa_gym.policies.scripted import HoldPolicy, Policy, RandomPolicy, WanderPolicy
 from jssa_gym.policies.straight import StraightPolicy
@@ -55,6 +57,10 @@ __all__ = [
     "SteeredPolicy",
     "StraightPolicy",
     "WanderPolicy",
+    "convert_sb3",
+    "load_policy",
+    "policy_file",
     "read_policy",
     "save_policy",
+    "shipped_policies",
 ]

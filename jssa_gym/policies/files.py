@@ -165,11 +165,13 @@ def _members(content: bytes) -> dict[str, bytes]:
         names = [entry.filename for entry in entries]
         if len(set(names)) < len(names):
             raise ValueError(f"members of the same name among {sorted(names)}")
-        layers = (len(names) - 3) // 2
+        layers = min(max(1, sum(name.startswith("weight_") for name in names)), MOST_LAYERS)
         wanted = {_HEADER, "mean.npy", "std.npy"}
-        wanted |= {f"{kind}_{k}.npy" for k in range(min(layers, MOST_LAYERS)) for kind in ("weight", "bias")}
-        if layers < 1 or set(names) != wanted:
-            raise ValueError(f"unexpected or missing members: {', '.join(map(repr, sorted(set(names) ^ wanted)))}")
+        wanted |= {f"{kind}_{k}.npy" for k in range(layers) for kind in ("weight", "bias")}
+        if set(names) != wanted:
+            raise ValueError(
+                f"unexpected or missing members: {', '.join(map(repr, sorted(set(names) ^ wanted)))[:300]}"
+            )
         for entry in entries:
             if entry.flag_bits & 1 or entry.compress_type != zipfile.ZIP_STORED:
                 raise ValueError(f"{entry.filename} is encrypted or compressed")
