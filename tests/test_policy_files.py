@@ -14,7 +14,13 @@ import numpy as np
 import pytest
 
 import jssa_gym
+from jssa_gym.cli.demo import Demo
+from jssa_gym.cli.evaluate import Evaluate
+from jssa_gym.cli.replay import Replay
 from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.evaluation.ledger import trace_name
+from jssa_gym.evaluation.plans import Study
+from jssa_gym.evaluation.runner import complete
 from jssa_gym.exceptions import JSSAGymError, ParameterError, PolicyFileError
 from jssa_gym.policies import LearnedPolicy, Network, policy_file, read_policy, save_policy, shipped_policies
 
@@ -616,6 +622,97 @@ def test_a_policy_leaves_every_layer_of_a_shield_on(saved):
     assert layers_of(env) == wanted
     assert len(statuses) > 1
     assert env.unwrapped.terminate_on == ()
+
+
+class Told(gym.ObservationWrapper):
+    """Appends a number to the observation, as a learner that is told of the shield gets it."""
+
+    def __init__(self, env) -> None:
+        super().__init__(env)
+        low, high = (
+            np.append(bound, np.float32(end))
+            for bound, end in ((env.observation_space.low, 0.0), (env.observation_space.high, 1.0))
+        )
+        self.observation_space = gym.spaces.Box(low, high, dtype=np.float32)
+
+    def observation(self, observation):
+        return np.append(observation, np.float32(0.5))
+
+
+def told() -> gym.Env:
+    return Told(ArmEnv("reach", terminate_on=()))
+
+
+def digests(report) -> list[str]:
+    return [episode.digest for episode in report.episodes]
+
+
+class TestEvaluation:
+    def test_by_path_by_name_and_as_an_object_it_is_the_same(self, policy, saved, monkeypatch):
+        monkeypatch.setattr("jssa_gym.policies.loading.SHIPPED", saved.parent)
+        reports = [
+            jssa_gym.evaluate("jssa_gym/Reach-v0", given, 2, 5, steps=60, filter="jssa+stop")
+            for given in (str(saved), saved, "policy", policy, "jpc")
+        ]
+        *ones, other = map(digests, reports)
+        assert all(one == ones[0] != other for one in ones)
+
+    def test_other_processes_read_the_file_by_themselves(self, saved, tmp_path):
+        study = Study(("reach",), ("jssa+stop",), ("walk_by",), (str(saved),), episodes=2, steps=30)
+        (here,), (there,) = (complete(study, tmp_path / f"{jobs}", jobs=jobs, keep=1) for jobs in (1, 2))
+        assert digests(here) == digests(there)
+        (trace,) = here.traces
+        Replay(trace, tmp_path / "r", figure=False, video=False, verify=True, again=True).run()
+
+    def test_an_evaluation_is_not_continued_with_another_policy_of_the_same_name(self, reach, saved, tmp_path):
+        command = Evaluate(policy=str(saved), episodes=1, seconds=0.2, keep=0, json=True, out=tmp_path / "out")
+        command.run()
+        command.run()
+        save_policy(saved, learned(reach, seed=1))
+        with pytest.raises(ParameterError, match="another campaign"):
+            command.run()
+
+    def test_the_identity_of_a_policy_is_its_files(self, saved):
+        sha = hashlib.sha256(saved.read_bytes()).hexdigest()
+        study = Study(("reach",), ("none",), ("none",), (str(saved), "hold"))
+        assert study.config()["code"] == {str(saved): sha}
+
+    def test_a_policy_of_another_task_is_refused(self, saved, policy):
+        for given in (str(saved), policy):
+            with pytest.raises(ParameterError, match="trained with an observation of shape"):
+                jssa_gym.evaluate("jssa_gym/Track-v0", given, 1, steps=2)
+
+    def test_what_it_is_told_counts_among_its_observations(self, reach, tmp_path):
+        size = reach.observation_space.shape[0]
+        net = network(np.random.default_rng(0), size + 1)
+        policy = learned(reach, net=net, observes_intervention=True)
+        save_policy(tmp_path / "told.npz", policy)
+        for given in (policy, str(tmp_path / "told.npz")):
+            assert jssa_gym.evaluate(told, given, 1, steps=5).episodes
+            with pytest.raises(ParameterError, match="its last entry tells of the shield"):
+                jssa_gym.evaluate("jssa_gym/Reach-v0", given, 1, steps=5)
+
+    def test_an_unknown_policy_is_refused_before_anything_is_played(self, tmp_path):
+        for name in ("nobody", "policy.pkl"):
+            with pytest.raises(ParameterError, match=r"unknown policy .*valid: hold, .*a file \.npz or \.zip"):
+                Study(("reach",), ("none",), ("none",), (name,))
+        with pytest.raises(PolicyFileError, match="cannot read"):
+            Study(("reach",), ("none",), ("none",), (str(tmp_path / "no.npz"),))
+
+    def test_recordings_of_policies_with_like_paths_have_names_of_their_own(self):
+        one, two = (trace_name(("reach", "none", "", path), 0) for path in ("a/b.npz", "a_b.npz"))
+        assert one != two
+        assert len(trace_name(("reach", "none", "", "x" * 1000), 0)) < 150
+        assert "/" not in one
+
+    def test_the_demo_shows_a_policy_on_its_task(self, reach, saved, tmp_path):
+        Demo(policy=str(saved), seconds=0.4, video=False, out=tmp_path / "demo").run()
+        runs = json.loads((tmp_path / "demo" / "metrics.json").read_text())
+        assert [run["name"] for run in runs] == ["no shield", "as published", "JSSAShield"]
+        assert (tmp_path / "demo" / "profile.png").exists()
+        save_policy(saved, learned(reach, task="laundry"))
+        with pytest.raises(ParameterError, match="does not say which of home, reach"):
+            Demo(policy=str(saved), seconds=0.4, video=False, out=tmp_path / "demo").run()
 
 
 def test_every_error_about_files_is_the_packages_own():

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 import jssa_gym
+from jssa_gym.cli.compare import Compare
+from jssa_gym.cli.evaluate import Evaluate
+from jssa_gym.cli.replay import Replay
 from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.evaluation.trace import load_trace
 from jssa_gym.exceptions import JSSAGymError, MissingExtraError, ParameterError, PolicyFileError
@@ -309,6 +312,26 @@ class TestPickles:
         trusted = jssa_gym.load_policy(path, trust_pickle=True)
         assert ran.exists()
         np.testing.assert_allclose(trusted(observations()[0]), policy(observations()[0]), rtol=0, atol=1e-6)
+
+    def test_so_it_is_on_the_command_line(self, tmp_path, ran):
+        model = model_of("PPO")
+        model.hook = Sentinel(ran)
+        model.save(tmp_path / "model")
+        policy = str(tmp_path / "model.zip")
+        shared = {"episodes": 1, "seconds": 0.1, "keep": 1}
+        Evaluate(policy=policy, out=tmp_path / "one", **shared).run()
+        Compare(policies=(policy,), filters=("none",), humans=("walk_by",), out=tmp_path / "two", **shared).run()
+        (trace,) = (tmp_path / "one" / "traces").iterdir()
+        Replay(trace, tmp_path / "r", figure=False, video=False, again=True).run()
+        assert not ran.exists()
+        shared["trust_pickle"] = True
+        Evaluate(policy=policy, out=tmp_path / "three", **shared).run()
+        ran.unlink()
+        Compare(policies=(policy,), filters=("none",), humans=("walk_by",), out=tmp_path / "four", **shared).run()
+        ran.unlink()
+        (trace,) = (tmp_path / "three" / "traces").iterdir()
+        Replay(trace, tmp_path / "r", figure=False, video=False, again=True, trust_pickle=True).run()
+        ran.unlink()
 
     def test_statistics_of_observations(self, tmp_path, ran):
         normalised = sb3.common.vec_env.VecNormalize(sb3.common.vec_env.DummyVecEnv([lambda: ArmEnv("reach")]))
