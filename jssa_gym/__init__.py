@@ -20,7 +20,15 @@ if TYPE_CHECKING:
     from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.evaluation import RecordSafety, Report, evaluate
     from jssa_gym.humans import HUMANS, HumanMotion
-    from jssa_gym.policies import POLICIES, HoldPolicy, JPCPolicy, RandomPolicy, StraightPolicy
+    from jssa_gym.policies import (
+        POLICIES,
+        HoldPolicy,
+        JPCPolicy,
+        LearnedPolicy,
+        RandomPolicy,
+        StraightPolicy,
+        load_policy,
+    )
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
     from jssa_gym.safety.boundary import Domain
     from jssa_gym.safety.certify import certify
@@ -49,6 +57,7 @@ _HOMES = {
     "JSSAShield": "jssa_gym.shields",
     "JointLimits": "jssa_gym.robots",
     "JointState": "jssa_gym.types",
+    "LearnedPolicy": "jssa_gym.policies",
     "POLICIES": "jssa_gym.policies",
     "ROBOTS": "jssa_gym.robots",
     "RandomPolicy": "jssa_gym.policies",
@@ -64,6 +73,7 @@ _HOMES = {
     "StraightPolicy": "jssa_gym.policies",
     "certify": "jssa_gym.safety.certify",
     "evaluate": "jssa_gym.evaluation",
+    "load_policy": "jssa_gym.policies",
     "make_filter": "jssa_gym.shields",
 }
 
@@ -88,6 +98,7 @@ __all__ = [
     "JSSAShield",
     "JointLimits",
     "JointState",
+    "LearnedPolicy",
     "RandomPolicy",
     "RecordSafety",
     "Report",
@@ -102,6 +113,7 @@ __all__ = [
     "__version__",
     "certify",
     "evaluate",
+    "load_policy",
     "make_filter",
 ]
 

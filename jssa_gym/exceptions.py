@@ -21,6 +21,10 @@ class TraceError(JSSAGymError, ValueError):
     """A file is not a complete, unchanged recording of an episode, or a trace's arrays do not fit together."""
 
 
+class PolicyFileError(JSSAGymError, ValueError):
+    """A file is not a complete, unchanged policy, or holds something that a policy has no use for."""
+
+
 class InterfaceError(JSSAGymError, TypeError):
     """An environment does not offer what a shield needs: ``robot``, ``dt`` and ``scene``."""
 

@@ -30,7 +30,7 @@ class Compare:
     humans: tuple[str, ...] = ("walk_by", "approach_retreat")
     """People by name."""
     policies: tuple[str, ...] = ("jpc",)
-    """Policies by name, or package.module:factory."""
+    """Policies by name, files .npz or .zip, or package.module:factory."""
     episodes: int = 20
     """Of every combination."""
     seed: int = 0
@@ -45,6 +45,8 @@ class Compare:
     """How many recordings of the worst episodes of every combination are kept."""
     v_safe: float = MOVING
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
+    trust_pickle: bool = False
+    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
     """Print JSON instead of a table."""
 
@@ -60,6 +62,7 @@ class Compare:
             seed=self.seed,
             steps=ticks(self.seconds),
             v_safe=self.v_safe,
+            trust_pickle=self.trust_pickle,
         )
         reports = play(study, self.out, self.jobs, self.keep)
         ranked = standings(reports)
@@ -77,7 +80,7 @@ class Compare:
             parts += [f"--{name}", *getattr(self, name)]
         for name in ("episodes", "seed", "seconds", "keep", "v_safe"):
             parts += [f"--{name.replace('_', '-')}", str(getattr(self, name))]
-        return shlex.join(parts)
+        return shlex.join([*parts, "--trust-pickle"] if self.trust_pickle else parts)
 
 
 def _plain(one: Standing) -> dict[str, object]:

@@ -1,9 +1,10 @@
-"""``jssa-gym demo``: the paper's scene three times on the same human."""
+"""``jssa-gym demo``: the paper's scene, or a trained policy's task, three times on the same human."""
 
 import dataclasses
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,13 @@ from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.film import EVERY, film, pictures
 from jssa_gym.envs.arm import DT
-from jssa_gym.evaluation import Summary, rollout, summarise
+from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation import Summary, make_policy, rollout, summarise
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import ApproachRetreat, HumanMotion
-from jssa_gym.policies import HoldPolicy
+from jssa_gym.policies import HoldPolicy, LearnedPolicy, Policy, load_policy
 from jssa_gym.shields import JSSAShield
-from jssa_gym.validation import positive_number
+from jssa_gym.validation import positive_number, whole_number
 
 _SHIELDS: dict[str, Callable[[gym.Env], gym.Env]] = {
     "no shield": lambda env: env,
@@ -39,6 +41,10 @@ class Demo:
     """Folder for figure, film and metrics."""
     speed: float = 0.8
     """The person's walking speed [m/s]."""
+    policy: str | None = None
+    """A trained policy, by name or file, on its own task beside that task's person, instead of the paper's scene."""
+    seed: int = 0
+    """Of a policy's episode."""
     seconds: float = 8.0
     """Length of an episode."""
     video: bool = True
@@ -53,7 +59,7 @@ class Demo:
         if not 0.1 <= self.seconds <= 60.0:
             raise ParameterError(f"seconds has to be between 0.1 and 60, got {self.seconds}")
         plots.require(film=self.video)
-        human = paper_scene(positive_number("speed", self.speed))
+        make, drive = self._scene(round(self.seconds / DT))
         writable_folder(self.out)
         console = Console(stderr=True)
         steps = round(self.seconds / DT)
@@ -62,11 +68,11 @@ class Demo:
         with Progress(console=console, transient=True) as progress:
             task = progress.add_task("simulating", total=len(_SHIELDS))
             for name, wrap in _SHIELDS.items():
-                env = wrap(gym.make("jssa_gym/Home-v0", human=human, terminate_on=(), max_episode_steps=steps))
+                env = wrap(make())
                 base: Any = env.unwrapped
                 robot, d_min = base.robot, base.d_min
-                rollout(env, HoldPolicy(env), seed=0, steps=5)  # compiles: not to be timed
-                trace = rollout(env, HoldPolicy(env), seed=0, steps=steps, name=name)
+                rollout(env, drive(env), seed=self.seed, steps=5)  # compiles: not to be timed
+                trace = rollout(env, drive(env), seed=self.seed, steps=steps, name=name)
                 traces.append(trace)
                 summaries.append(summarise(trace, robot.limits))
                 env.close()
@@ -86,6 +92,19 @@ class Demo:
         else:
             Console().print(_table(summaries))
         console.print(f"wrote {', '.join(str(self.out / name) for name in written)}")
+
+    def _scene(self, steps: int) -> tuple[Callable[[], gym.Env], Callable[[gym.Env], Policy]]:
+        """What makes the environment, and what drives the arm in it."""
+        free: dict[str, Any] = {"terminate_on": (), "max_episode_steps": steps}
+        speed = positive_number("speed", self.speed)
+        whole_number("seed", self.seed)
+        if self.policy is None:
+            return partial(gym.make, "jssa_gym/Home-v0", human=paper_scene(speed), **free), HoldPolicy
+        learned = load_policy(self.policy)
+        if not isinstance(learned, LearnedPolicy) or learned.task not in TASKS:
+            raise ParameterError(f"{self.policy} does not say which of {', '.join(TASKS)} it was trained for")
+        make = partial(gym.make, "jssa_gym/Home-v0", task=learned.task, **free)
+        return make, lambda env: make_policy(learned, env, self.seed)
 
 
 def paper_scene(speed: float) -> HumanMotion:

@@ -68,7 +68,7 @@ class Evaluate:
     human: str = "walk_by"
     """People by name."""
     policy: str = "jpc"
-    """Policy by name, or package.module:factory, called with environment and seed."""
+    """Policy by name, a file .npz or .zip, or package.module:factory, called with environment and seed."""
     episodes: int = 100
     """How many."""
     seed: int = 0
@@ -85,6 +85,8 @@ class Evaluate:
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     reaction_time: float = 0.1
     """T_r of speed and separation monitoring [s]."""
+    trust_pickle: bool = False
+    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
     """Print JSON instead of a table."""
 
@@ -101,6 +103,7 @@ class Evaluate:
             steps=ticks(self.seconds),
             v_safe=self.v_safe,
             separation=SeparationParams(reaction_time=self.reaction_time),
+            trust_pickle=self.trust_pickle,
         )
         (report,) = play(study, self.out, self.jobs, self.keep)
         if self.json:

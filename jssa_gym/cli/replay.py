@@ -42,6 +42,8 @@ class Replay:
     """Judge it with MuJoCo's kinematics and distances, at 1 kHz."""
     again: bool = False
     """Play it anew from its seed and compare bit for bit."""
+    trust_pickle: bool = False
+    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     robot: Path | None = None
     """MJCF file of a robot that is not the package's own."""
 
@@ -61,7 +63,7 @@ class Replay:
             _tell(verdict, console)
         if self.again:
             find_policies_here()
-            same = _same(trace, played_again(meta))
+            same = _same(trace, played_again(meta, trust_pickle=self.trust_pickle))
             agrees = agrees and same
             console.print(
                 f"played again: {'the same bit for bit' if same else 'DIFFERENT'} (SHA-256 {digest_of(trace)[:16]})"

@@ -2,13 +2,10 @@
 
 import hashlib
 import importlib
-import inspect
-import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from itertools import product
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 
@@ -16,9 +13,10 @@ from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.campaign import SPACING, paired_seeds
 from jssa_gym.evaluation.contenders import PEOPLE
+from jssa_gym.evaluation.identity import code_digest, identity, named
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.policies import POLICIES, Policy
+from jssa_gym.policies import POLICIES, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, Shield, make_filter
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
@@ -53,33 +51,45 @@ def put_filter(env: gym.Env, name: str) -> Shield:
     return Shield(env, make_filter(bare, robot, dt, viability=stop, failsafe=FailsafeParams() if stop else None))
 
 
-def make_policy(policy: Any, env: gym.Env, seed: int) -> Policy:
+def make_policy(
+    policy: Any, env: gym.Env, seed: int, *, seen: gym.Env | None = None, trust_pickle: bool = False
+) -> Policy:
     """A policy for one episode.
 
     Args:
-        policy: A name of :data:`~jssa_gym.policies.POLICIES`; ``"package.module:factory"``, called with environment
-            and seed; anything with a method ``predict``, as the models of Stable-Baselines3, asked for its
-            deterministic action; or a callable from observation to action.
-        env: The environment that it acts in.
+        policy: A name of :data:`~jssa_gym.policies.POLICIES` or of
+            :func:`~jssa_gym.policies.shipped_policies`; a file of :func:`~jssa_gym.policies.load_policy`;
+            ``"package.module:factory"``, called with environment and seed; anything with a method ``predict``, as the
+            models of Stable-Baselines3, asked for its deterministic action; or a callable from observation to action.
+        env: The environment that it acts in, which named policies look into.
         seed: Of what it draws.
+        seen: The same environment with the wrappers whose observations it gets; by default ``env``.
+        trust_pickle: See :func:`~jssa_gym.policies.load_policy`.
 
     Raises:
-        ParameterError: It is nothing of these.
+        ParameterError: It is nothing of these, or was trained for another environment.
+        PolicyFileError: Its file is damaged, or holds something else.
     """
     if isinstance(policy, str):
-        return _factory(policy)(env, seed)
-    if hasattr(policy, "predict"):
+        policy = _factory(policy, trust_pickle)(env, seed)
+    elif hasattr(policy, "predict"):
         return lambda observation: policy.predict(observation, deterministic=True)[0]
-    if callable(policy):
-        return policy
-    raise ParameterError(f"a policy is a name, 'module:factory', a model or a callable, got {policy!r}")
+    if not callable(policy):
+        raise ParameterError(f"a policy is a name, a file, 'module:factory', a model or a callable, got {policy!r}")
+    if isinstance(policy, LearnedPolicy):
+        policy.check(env if seen is None else seen)
+    return policy
 
 
-def _factory(name: str) -> Callable[[gym.Env, int], Policy]:
+def _factory(name: str, trust_pickle: bool = False) -> Callable[[gym.Env, int], Policy]:
     if name in POLICIES:
         return POLICIES[name]
+    if policy_file(name) is not None:
+        loaded = load_policy(name, trust_pickle=trust_pickle)
+        return lambda env, seed: loaded
     if ":" not in name:
-        raise ParameterError(f"unknown policy {name!r}; valid: {', '.join(POLICIES)}, or package.module:factory")
+        known = ", ".join((*POLICIES, *shipped_policies()))
+        raise ParameterError(f"unknown policy {name!r}; valid: {known}, a file .npz or .zip, or package.module:factory")
     module, _, attribute = name.partition(":")
     try:
         found = getattr(importlib.import_module(module), attribute)
@@ -128,6 +138,8 @@ class Study:
     v_safe: float = MOVING
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     separation: SeparationParams = field(default_factory=SeparationParams)
+    trust_pickle: bool = False
+    """Of policies that are files; see :func:`~jssa_gym.policies.load_policy`."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -141,7 +153,7 @@ class Study:
         for name in self.filters:
             _known_filter(name)
         for policy in self.policies:
-            _factory(policy)
+            _factory(policy, self.trust_pickle)
 
     def seeds(self) -> dict[Setting, list[int]]:
         """Seeds of every setting: the same for all filters, others for everything else."""
@@ -150,7 +162,7 @@ class Study:
 
     def config(self) -> dict[str, Any]:
         """All that decides about the results, as JSON can hold it."""
-        return {**asdict(self), "code": {name: code for name in self.policies if (code := _code(_factory(name)))}}
+        return {**asdict(self), "code": {name: code for name in self.policies if (code := _policy_code(name))}}
 
     def build(self, setting: Setting) -> gym.Env:
         """The environment of a setting."""
@@ -181,6 +193,8 @@ class Single:
     steps: int = 1000
     v_safe: float = MOVING
     separation: SeparationParams = field(default_factory=SeparationParams)
+    trust_pickle: ClassVar[bool] = False
+    """Who trusts a file loads it with :func:`~jssa_gym.policies.load_policy` and hands over what that returns."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -206,7 +220,7 @@ class Single:
         """The only one: names, or classes where there are none."""
         human = (self.env_kwargs or {}).get("human", "")
         return Setting(
-            _named(self.env), self.filter or "", human if isinstance(human, str) else "", _named(self.policy_of)
+            named(self.env), self.filter or "", human if isinstance(human, str) else "", named(self.policy_of)
         )
 
     def seeds(self) -> dict[Setting, list[int]]:
@@ -216,10 +230,13 @@ class Single:
     def config(self) -> dict[str, Any]:
         """All that decides about the results, as JSON can hold it: objects by name and digest."""
         return {
-            "env": _identity("env", self.env),
-            "policy": _identity("policy", self.policy_of),
-            "code": [_code(self.env), _code(_factory(policy) if isinstance(policy := self.policy_of, str) else policy)],
-            "env_kwargs": _identity("env_kwargs", dict(self.env_kwargs or {})),
+            "env": identity("env", self.env),
+            "policy": identity("policy", self.policy_of),
+            "code": [
+                code_digest(self.env),
+                _policy_code(policy) if isinstance(policy := self.policy_of, str) else code_digest(policy),
+            ],
+            "env_kwargs": identity("env_kwargs", dict(self.env_kwargs or {})),
             "filter": self.filter,
             "episodes": self.episodes,
             "seed": self.seed,
@@ -244,38 +261,7 @@ class Single:
         return self.policy_of
 
 
-def _named(thing: Any) -> str:
-    if isinstance(thing, str):
-        return thing
-    if isinstance(thing, gym.Env):
-        return thing.spec.id if thing.spec is not None else type(thing.unwrapped).__name__
-    return getattr(thing, "__name__", type(thing).__name__)
-
-
-def _code(thing: Any) -> str:
-    """Digest of the file that defines a thing, or its class.
-
-    Empty where there is none, and for names and this package, whose code the ledger looks at as a whole.
-    """
-    maker = thing if inspect.isfunction(thing) or inspect.isclass(thing) else type(thing)
-    if (maker.__module__ or "").split(".")[0] in ("builtins", "jssa_gym"):
-        return ""
-    try:
-        file = inspect.getsourcefile(maker)
-        return "" if file is None else hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
-    except (TypeError, OSError):  # made in C, or at a prompt
-        return ""
-
-
-def _identity(name: str, thing: Any) -> str:
-    """What tells a thing from others in another process: itself if it is a name, else a digest of its content."""
-    if isinstance(thing, str):
-        return thing
-    try:
-        content = pickle.dumps(thing)
-    except Exception as error:  # what pickling an object raises is up to the object
-        raise ParameterError(
-            f"{name} cannot be told again after a crash, nor sent to another process ({error}); give a name, a "
-            "function of a module, or 'module:factory'"
-        ) from error
-    return f"{_named(thing)} {hashlib.sha256(content).hexdigest()[:16]}"
+def _policy_code(name: str) -> str:
+    """Digest of the file that holds or defines a policy; empty for this package's code."""
+    file = None if name in POLICIES else policy_file(name)
+    return code_digest(_factory(name)) if file is None else hashlib.sha256(file.read_bytes()).hexdigest()

@@ -47,8 +47,8 @@ def evaluate(
     Args:
         env: An id, a function that makes an environment, or, with one job, an environment. Ids of this package run to
             the horizon unless ``env_kwargs`` has ``terminate_on``.
-        policy: See :func:`~jssa_gym.evaluation.plans.make_policy`: a name, ``"module:factory"``, a model with
-            ``predict`` or a callable.
+        policy: See :func:`~jssa_gym.evaluation.plans.make_policy`: a name, a file, ``"module:factory"``, a
+            model with ``predict`` or a callable.
         episodes: How many.
         seed: First seed; episode k has seed + k, so that two evaluations with the same seed are paired.
         env_kwargs: Of ``gymnasium.make``.
@@ -68,7 +68,7 @@ def evaluate(
     """
     plan = Single(
         env,
-        policy,
+        str(policy) if isinstance(policy, Path) else policy,
         env_kwargs,
         filter,
         episodes,

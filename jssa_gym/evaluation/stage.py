@@ -76,7 +76,13 @@ class Stage:
     def record(self, seed: int) -> Trace:
         """One episode."""
         # policies see the truth: what they are told must not depend on the shield's sensor
-        policy = make_policy(self.plan.policy(self.setting), self.env.unwrapped, POLICY_SEEDS + seed)
+        policy = make_policy(
+            self.plan.policy(self.setting),
+            self.env.unwrapped,
+            POLICY_SEEDS + seed,
+            seen=self.env,
+            trust_pickle=self.plan.trust_pickle,
+        )
         name = f"{', '.join(part for part in self.setting if part)}, seed {seed}"
         return rollout(self.env, policy, seed=seed, steps=self.plan.steps, name=name)
 
@@ -120,8 +126,12 @@ def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str,
     return {**setting._asdict(), "seed": seed, "steps": plan.steps, "digest": told, "named": named}
 
 
-def played_again(meta: Mapping[str, Any]) -> Trace:
+def played_again(meta: Mapping[str, Any], *, trust_pickle: bool = False) -> Trace:
     """Play a recorded episode anew from what its recording says of itself.
+
+    Args:
+        meta: Of the recording.
+        trust_pickle: If its policy is a file, see :func:`~jssa_gym.policies.load_policy`.
 
     Raises:
         ParameterError: It does not say enough: only episodes made of names can be made again.
@@ -133,5 +143,5 @@ def played_again(meta: Mapping[str, Any]) -> Trace:
         seed, steps = int(meta["seed"]), int(meta["steps"])
     except (KeyError, TypeError, ValueError) as error:
         raise ParameterError(f"the recording does not say how it came about: {error} is missing or wrong") from error
-    plan = Study((task,), (filter,), (human,), (policy,), steps=steps)
+    plan = Study((task,), (filter,), (human,), (policy,), steps=steps, trust_pickle=trust_pickle)
     return Stage(plan, setting).record(seed)

@@ -11,7 +11,12 @@ from jssa_gym.policies.adversarial import (
     LimitSeekingPolicy,
     SteeredPolicy,
 )
+from jssa_gym.policies.files import read_policy, save_policy
+from jssa_gym.policies.foreign import convert_sb3
 from jssa_gym.policies.jpc import JPCPolicy
+from jssa_gym.policies.learned import LearnedPolicy
+from jssa_gym.policies.loading import load_policy, policy_file, shipped_policies
+from jssa_gym.policies.network import Network
 from jssa_gym.policies.scripted import HoldPolicy, Policy, RandomPolicy, WanderPolicy
 from jssa_gym.policies.straight import StraightPolicy
 
@@ -44,10 +49,18 @@ __all__ = [
     "ConstantPolicy",
     "HoldPolicy",
     "JPCPolicy",
+    "LearnedPolicy",
     "LimitSeekingPolicy",
+    "Network",
     "Policy",
     "RandomPolicy",
     "SteeredPolicy",
     "StraightPolicy",
     "WanderPolicy",
+    "convert_sb3",
+    "load_policy",
+    "policy_file",
+    "read_policy",
+    "save_policy",
+    "shipped_policies",
 ]

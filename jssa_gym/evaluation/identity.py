@@ -1,0 +1,49 @@
+"""What tells things that are evaluated from others, in another process too."""
+
+import hashlib
+import inspect
+import pickle
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+from jssa_gym.exceptions import ParameterError
+
+
+def named(thing: Any) -> str:
+    """A name as it is; of an environment its id, else the name of its class or of a function."""
+    if isinstance(thing, str):
+        return thing
+    if isinstance(thing, gym.Env):
+        return thing.spec.id if thing.spec is not None else type(thing.unwrapped).__name__
+    return getattr(thing, "__name__", type(thing).__name__)
+
+
+def code_digest(thing: Any) -> str:
+    """Digest of the file that defines a thing, or its class.
+
+    Empty where there is none, and for names and this package, whose code the ledger looks at as a whole.
+    """
+    maker = thing if inspect.isfunction(thing) or inspect.isclass(thing) else type(thing)
+    if (maker.__module__ or "").split(".")[0] in ("builtins", "jssa_gym"):
+        return ""
+    try:
+        file = inspect.getsourcefile(maker)
+        return "" if file is None else hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+    except (TypeError, OSError):  # made in C, or at a prompt
+        return ""
+
+
+def identity(name: str, thing: Any) -> str:
+    """What tells a thing from others in another process: itself if it is a name, else a digest of its content."""
+    if isinstance(thing, str):
+        return thing
+    try:
+        content = pickle.dumps(thing)
+    except Exception as error:  # what pickling an object raises is up to the object
+        raise ParameterError(
+            f"{name} cannot be told again after a crash, nor sent to another process ({error}); give a name, a "
+            "function of a module, or 'module:factory'"
+        ) from error
+    return f"{named(thing)} {hashlib.sha256(content).hexdigest()[:16]}"

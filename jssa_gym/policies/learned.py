@@ -1,0 +1,171 @@
+"""A trained policy: a network, and what its answers mean."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from jssa_gym.control.commands import MODES, Commands
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.policies.network import Network
+from jssa_gym.robots import JointLimits
+from jssa_gym.types import Array, JointState
+from jssa_gym.validation import known_name, number_within, positive_integer
+
+CONTROLS = ("jerk", *MODES)
+"""What a network's answer can be."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LearnedPolicy:
+    """Maps an observation to a jerk, memoryless: the same observation, the same action.
+
+    It is asked in every control tick. What the network answers is either the jerk itself, as a share of its bounds, or
+    a position or velocity command, which the loops of :class:`~jssa_gym.control.JPCAction` turn into jerk. These need
+    the joint state, which every observation of :class:`~jssa_gym.envs.arm.ArmEnv` begins with: positions, velocities
+    and accelerations of the n joints as shares of the limits, clipped to 1.5 and 2; states beyond are taken as these.
+
+    A policy knows nothing of shields: whatever is around the environment stays as it is.
+
+    Args:
+        network: From the observation to the n commands.
+        control: ``"jerk"``, or what JPCAction calls its ``mode``: ``"position"``, ``"velocity"``.
+        share: Share of the velocity and acceleration limits that a command may use, in (0, 1].
+        ticks: For how many control ticks an action was held in training; says where a policy comes from, no more.
+        limits: Joint limits of the robot that it was trained with.
+        task: Name of the task that it was trained for.
+        robot: Name of that robot.
+        observes_intervention: Whether the observation's last number is not the environment's but tells of the shield.
+        provenance: Where it comes from, as JSON can hold it; copied.
+
+    Raises:
+        ParameterError: An argument is unknown or out of range, or the network's sizes do not fit the limits.
+    """
+
+    network: Network
+    _: KW_ONLY
+    control: str
+    share: float
+    ticks: int
+    limits: JointLimits
+    task: str
+    robot: str
+    observes_intervention: bool = False
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    _commands: Commands | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.network, Network) or not isinstance(self.limits, JointLimits):
+            raise ParameterError("a policy needs a Network and JointLimits")
+        known_name("control", self.control, CONTROLS)
+        share = number_within("share", self.share, 0.0, 1.0)
+        if share == 0.0:
+            raise ParameterError("share has to be in (0, 1], got 0")
+        for name in ("task", "robot"):
+            if not isinstance(getattr(self, name), str):
+                raise ParameterError(f"{name} has to be a name, got {getattr(self, name)!r}")
+        if not isinstance(self.observes_intervention, bool):
+            raise ParameterError(f"observes_intervention has to be True or False, got {self.observes_intervention!r}")
+        n = len(self.limits.jerk)
+        if self.network.outputs != n:
+            raise ParameterError(f"the network answers with {self.network.outputs} numbers for {n} joints")
+        if self.network.inputs < 3 * n + self.observes_intervention:
+            raise ParameterError(
+                f"the network takes {self.network.inputs} numbers, too few for the state of {n} joints"
+            )
+        commands = None if self.control == "jerk" else Commands(self.limits, self.control, share)
+        for name, value in (
+            ("share", share),
+            ("ticks", positive_integer("ticks", self.ticks)),
+            ("provenance", _plain(self.provenance)),
+            ("_commands", commands),
+        ):
+            object.__setattr__(self, name, value)
+
+    def __call__(self, observation: Any) -> Array:
+        """The jerk as a share of its bounds, in [-1, 1], shape (n,).
+
+        NaN in every entry for an observation that is not finite: a shield then brakes, and an environment without one
+        refuses the action. No jerk would be right, and a policy does not decide how an arm stops.
+
+        Args:
+            observation: Shape (n_obs,).
+
+        Raises:
+            ParameterError: It is no array of real numbers of that shape.
+        """
+        x = self._checked(observation)
+        if not np.all(np.isfinite(x)):
+            return np.full(self.network.outputs, np.nan)
+        command = self.network(x)
+        if self._commands is None:
+            return command
+        return self._commands.jerk(self.joint_state(x), command)
+
+    def joint_state(self, observation: Array) -> JointState:
+        """The joint state that an observation begins with.
+
+        Args:
+            observation: Shape (n_obs,).
+        """
+        limits, n = self.limits, len(self.limits.jerk)
+        position, velocity, acceleration = observation[: 3 * n].reshape(3, n)
+        low, high = limits.position.T
+        return JointState(
+            (low + high) / 2.0 + position * ((high - low) / 2.0),
+            velocity * limits.velocity,
+            acceleration * limits.acceleration,
+        )
+
+    def check(self, env: gym.Env) -> None:
+        """Whether this policy was trained for such an environment.
+
+        Args:
+            env: With all wrappers that change the observation.
+
+        Raises:
+            ParameterError: The robot's limits, the observation's size or the action's are others.
+        """
+        limits: JointLimits = env.get_wrapper_attr("robot").limits
+        for name, wanted, found in (
+            ("action", (self.network.outputs,), env.action_space.shape),
+            ("observation", (self.network.inputs,), env.observation_space.shape),
+        ):
+            if wanted != found:
+                told = "; its last entry tells of the shield" if self.observes_intervention else ""
+                raise ParameterError(
+                    f"the policy was trained with an {name} of shape {wanted}{told}, the environment has {found}"
+                )
+        for name in ("position", "velocity", "acceleration", "jerk"):
+            wanted, found = getattr(self.limits, name), getattr(limits, name)
+            if not np.array_equal(wanted, found):
+                raise ParameterError(
+                    f"the policy was trained with {name} limits {wanted.tolist()}, the robot "
+                    f"{env.get_wrapper_attr('robot').name} has {found.tolist()}"
+                )
+
+    def _checked(self, observation: Any) -> Array:
+        try:
+            array = np.asarray(observation)
+        except ValueError:
+            array = np.asarray(None)
+        if array.shape != self.network.mean.shape or array.dtype.kind not in "fiu":
+            raise ParameterError(
+                f"an observation of this policy has {self.network.inputs} real numbers, got {array.dtype} of shape "
+                f"{array.shape}"
+            )
+        return array.astype(np.float64)
+
+
+def _plain(provenance: Any) -> dict[str, Any]:
+    """A copy of what JSON can hold."""
+    try:
+        copied = json.loads(json.dumps(provenance, allow_nan=False))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ParameterError(f"provenance has to be what JSON can hold: {error}") from error
+    if not isinstance(copied, dict):
+        raise ParameterError(f"provenance has to be a mapping, got {provenance!r}")
+    return copied
