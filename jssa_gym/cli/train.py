@@ -45,6 +45,8 @@ class Train:
     """Whether the learner acts through the shield of the task's shielded id."""
     control: Control | None = None
     """What an action means: the jerk itself, or a velocity or position that loops turn into jerk; None: as tuned."""
+    share: float | None = None
+    """Share of the velocity and acceleration limits that commands may use; None: as tuned."""
     ticks: int | None = None
     """Control steps for which an action is repeated; None: as tuned."""
     learn_from: LearnFrom = "policy"
@@ -83,7 +85,7 @@ class Train:
         tuned = preset(self.task, self.algorithm)
         given = {
             name: value
-            for name in ("control", "ticks", "steps", "envs", "interval")
+            for name in ("control", "share", "ticks", "steps", "envs", "interval")
             if (value := getattr(self, name)) is not None
         }
         changes: dict[str, str] = {}

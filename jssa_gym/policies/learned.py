@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any
 
 import gymnasium as gym
@@ -104,6 +104,10 @@ class LearnedPolicy:
         if self._commands is None:
             return command
         return self._commands.jerk(self.joint_state(x), command)
+
+    def with_provenance(self, provenance: Mapping[str, Any]) -> "LearnedPolicy":
+        """The same policy that says something else about where it comes from."""
+        return replace(self, provenance=provenance)
 
     def joint_state(self, observation: Array) -> JointState:
         """The joint state that an observation begins with.
