@@ -108,15 +108,19 @@ def ball(robot) -> float:
     return radius
 
 
+def levers(robot) -> np.ndarray:
+    """How far from each joint's origin the tool centre point can be, at most, shape (n,) [m]; 0 behind the tool."""
+    links = np.linalg.norm(robot.links["offset"], axis=1)
+    last, tool = robot.tool_link, np.linalg.norm(robot.tool_offset)
+    return np.array([links[j + 1 : last + 1].sum() + tool if j <= last else 0.0 for j in range(robot.n)])
+
+
 def farthest(robot, dt: float, steps: int) -> np.ndarray:
     """How far from its place at rest the tool centre point can be after every step, at most, shape (steps,) [m]."""
     limits, t = robot.limits, dt * np.arange(1, steps + 1)[:, None]
     # speeds only rise: those at a step's end are the largest in it
     speed = np.minimum(np.minimum(limits.velocity, limits.acceleration * t), limits.jerk * t**2 / 2.0)
-    links = np.linalg.norm(robot.links["offset"], axis=1)
-    links[0] = 0.0
-    behind = [links[j + 1 : robot.tool_link + 1].sum() + np.linalg.norm(robot.tool_offset) for j in range(robot.n)]
-    return np.cumsum(speed, axis=0) * dt @ np.where(np.arange(robot.n) <= robot.tool_link, behind, 0.0)
+    return np.cumsum(speed, axis=0) * dt @ levers(robot)
 
 
 def survey(env: ArmEnv, seeds, clearances, steps: int, not_before: float | None = None) -> list[list[Finding]]:

@@ -3,6 +3,7 @@
 import json
 import runpy
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import rollout
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import Body, HumanMotion, Nobody
+from jssa_gym.kernels.chain import forward
+from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.safety.postures import tool_point
 
 PATH = Path(__file__).parent.parent / "benchmarks" / "blocked_goals.py"
@@ -90,6 +93,14 @@ def test_a_window_before_the_tool_can_be_there_is_none():
     assert found[0].possible
 
 
+@pytest.mark.parametrize(("steps", "possible"), [(12, False), (13, True)])
+def test_a_window_is_as_many_steps_as_success_takes(steps, possible):
+    # 0.1 s are 12.5 steps of 0.008 s
+    env = beside(HEAD, Standing(*HEAD[:2], comes=0.008 * (steps + 1) - 1e-3))
+    (found,) = BENCH["survey"](env, [0], [0.0], 200, not_before=0.0)
+    assert found == [(1.0 - steps / 200, possible)]
+
+
 @pytest.mark.parametrize("clearance", [0.0, 0.05])
 def test_blocked_is_what_no_place_within_the_tolerance_avoids(clearance):
     # beside a head of 0.2 m: the goal's nearest free place is 0.02 m farther out, and the tool a ball of 0.06 m
@@ -110,19 +121,36 @@ def test_the_ball_of_the_tool_is_inside_its_capsule(robot, toy_robot):
 # ---- it bounds what arms do --------------------------------------------------------------------------
 
 
+def test_levers_are_the_largest_there_are(robot, toy_robot):
+    rng = np.random.default_rng(0)
+    for arm in (robot, toy_robot):
+        (low, high), frames = arm.limits.position.T, records(arm.n, FRAME)
+        found = np.zeros(arm.n)
+        for _ in range(2000):
+            posture = rng.uniform(low, high)
+            forward(arm.links, np.array([posture, 0.0 * posture, 0.0 * posture]), frames)
+            found = np.maximum(found, np.linalg.norm(tool_point(arm, posture) - frames["origin"], axis=1))
+        bound = BENCH["levers"](arm)
+        moves = np.arange(arm.n) <= arm.tool_link
+        assert np.all(found[moves] <= bound[moves] + 1e-12)
+        assert np.all(found[moves] >= 0.9 * bound[moves])
+        assert not bound[~moves].any()
+
+
 def test_no_move_brings_the_tool_farther_than_the_bound(robot):
     rng, (low, high) = np.random.default_rng(0), robot.limits.position.T
     farthest, begin = BENCH["farthest"](robot, 0.008, 400), tool_point(robot, robot.home)
     assert np.all(np.diff(farthest) > 0.0)
-    nearest = np.inf
     for _ in range(5):
         plan = plan_move(robot.home, rng.uniform(0.9 * low, 0.9 * high), robot.limits, 0.008)
         for k in range(1, len(plan) + 1, 5):
-            moved = np.linalg.norm(tool_point(robot, plan.states[k, 0]) - begin)
-            assert moved <= farthest[k - 1]
-            nearest = min(nearest, farthest[k - 1] / max(moved, 1e-3))
-    # nor is it idle: some move comes within a factor
-    assert nearest < 10.0
+            assert np.linalg.norm(tool_point(robot, plan.states[k, 0]) - begin) <= farthest[k - 1]
+    # of one joint at its jerk's bound, from below: J t³/6 times its lever
+    toy = replace(robot, limits=replace(robot.limits, jerk=np.array([60.0, *[1e-9] * 5])))
+    t = 0.008 * np.arange(1, 11)
+    exact = 60.0 * t**3 / 6.0 * BENCH["levers"](robot)[0]
+    bound = BENCH["farthest"](toy, 0.008, 10)
+    assert np.all((exact <= bound) & (bound <= exact + 60.0 * t**2 / 2.0 * 0.008 * 1.5))
 
 
 def test_people_are_those_that_an_evaluation_meets_and_no_success_was_called_impossible():
