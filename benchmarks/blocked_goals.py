@@ -162,6 +162,7 @@ def main() -> None:
     parser.add_argument("--task", default="reach", help=", ".join(n for n, t in TASKS.items() if t.space == "tip"))
     parser.add_argument("--human", default="random", help=", ".join(n for n, h in HUMANS.items() if not h().reacts))
     parser.add_argument("--seconds", type=float, default=8.0, help="length of an episode")
+    parser.add_argument("--clearances", type=float, nargs="+", default=[0.0, 0.05], help="that the arm keeps [m]")
     parser.add_argument("--not-before", type=float, help="when the arm can be there [s], instead of the bound")
     parser.add_argument("--json", type=Path, help="also write the numbers, with the seeds, to this file")
     arguments = parser.parse_args()
@@ -171,14 +172,14 @@ def main() -> None:
         if not_before is not None:
             number_within("not-before", not_before, 0.0)
         env = ArmEnv(arguments.task, human=arguments.human, terminate_on=())
-        clearances = (0.0, env.d_min)
+        clearances = [number_within("clearances", one, 0.0) for one in arguments.clearances]
         found = survey(env, range(seed, seed + episodes), clearances, round(seconds / env.dt), not_before)
     except JSSAGymError as error:
         parser.error(str(error))
     tables = [summary(*one, seed) for one in zip(found, clearances, strict=True)]
     print(f"{arguments.task} beside {arguments.human}: {episodes:,} episodes of {seconds:g} s, 95 % intervals")
-    for name, one in zip(("no contact", f"{env.d_min:g} m are kept"), tables, strict=True):
-        print(f"{name}:")
+    for one in tables:
+        print(f"{one['clearance']:g} m are kept:" if one["clearance"] else "no contact:")
         for row in ("never blocked", "no window: success is impossible", "success, at most"):
             print(f"  {row:<33} {Rate(**one[row])}")
         share = one["blocked share of the time"]

@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -155,7 +156,7 @@ def test_no_move_brings_the_tool_farther_than_the_bound(robot):
 
 def test_people_are_those_that_an_evaluation_meets_and_no_success_was_called_impossible():
     env = ArmEnv("reach", human="random", terminate_on=())
-    shielded = jssa_gym.JSSAShield(ArmEnv("reach", human="random", terminate_on=()))
+    shielded = gym.make("jssa_gym/ReachShielded-v0", human="random", terminate_on=())
     for seed in (3, 4):
         course = BENCH["follow"](env, seed, 300)
         trace = rollout(shielded, jssa_gym.JPCPolicy(shielded, seed), seed=seed, steps=300)
