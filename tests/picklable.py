@@ -6,15 +6,32 @@ import signal
 import numpy as np
 
 from jssa_gym.envs import ArmEnv
+from jssa_gym.envs.sensor import SensorModel
 
 
 def environment() -> ArmEnv:
     return ArmEnv("reach", human="walk_by", terminate_on=())
 
 
+def blind() -> SensorModel:
+    """An environment whose people are not measured for long."""
+    return SensorModel(environment(), "long dropouts")
+
+
 def push(observation) -> np.ndarray:
     """A policy."""
     return np.full(6, 0.3)
+
+
+def broken_every_third(env, seed):
+    """A factory of policies whose third, sixth, ... action is no number."""
+    calls = []
+
+    def act(observation):
+        calls.append(observation)
+        return np.full(6, np.nan if len(calls) % 3 == 0 else 0.1)
+
+    return act
 
 
 def pushes(env, seed):

@@ -410,7 +410,9 @@ def test_a_broken_promise_is_exit_code_1_and_an_interrupt_130(tmp_path, monkeypa
     command = Stress(filters=("full",), humans=("hand",), policies=("hold",), faults=("none",), seconds=0.1)
     command = replace(command, out=tmp_path / "a")
     command.run()
-    assert "1 episodes" in capsys.readouterr().out
+    told = capsys.readouterr()
+    assert "1 episodes" in told.out
+    assert f"wrote episodes.csv to {tmp_path / 'a'}" in told.err
     table = tmp_path / "a" / "episodes.csv"
     header, row = table.read_text().splitlines()
     cells = row.split(",")

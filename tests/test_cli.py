@@ -12,8 +12,12 @@ import pytest
 from jssa_gym import plots
 from jssa_gym.cli import main
 from jssa_gym.cli.files import write_json
+from jssa_gym.envs import TASKS
 from jssa_gym.evaluation import Summary
+from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
 from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.policies import POLICIES
+from jssa_gym.shields import FILTERS
 
 SHORT = ("demo", "--seconds", "0.4")
 
@@ -153,6 +157,24 @@ def test_help(command, monkeypatch, capsys):
     }
     for word in words[command]:
         assert word in text
+
+
+@pytest.mark.parametrize(
+    ("command", "registries"),
+    [
+        ("evaluate", (TASKS, FILTERS, PEOPLE, POLICIES)),
+        ("compare", (TASKS, FILTERS, PEOPLE, POLICIES)),
+        ("stress", (CONTENDERS, PEOPLE, POLICIES, FAULTS)),
+    ],
+)
+def test_help_lists_every_name(command, registries, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["jssa-gym", command, "--help"])
+    monkeypatch.setenv("COLUMNS", "100000")
+    with pytest.raises(SystemExit):
+        main()
+    text = capsys.readouterr().out
+    for names in registries:
+        assert f"{', '.join(names)}." in text
 
 
 def test_the_module_runs_as_a_command():

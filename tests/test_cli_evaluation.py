@@ -3,6 +3,8 @@
 import json
 import shlex
 import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,6 +64,23 @@ def test_a_policy_of_the_working_directory_is_found(tmp_path, monkeypatch, capsy
     assert told["means"]["path_length"]["value"] == 0.0
     Replay(tmp_path / told["traces"][0], figure=False, video=False, again=True).run()
     assert "the same bit for bit" in capsys.readouterr().out
+
+
+def test_a_policy_whose_actions_are_not_finite_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    broken = "picklable:broken_every_third"
+    Evaluate(policy=broken, episodes=1, seconds=0.2, filter="none", out=tmp_path / "a", json=True).run()
+    told = capsys.readouterr()
+    assert "not finite in 8 steps of 1 episodes" in told.err
+    assert json.loads(told.out)["means"]["n_actions_not_finite"]["value"] == 8.0
+    assert f"wrote episodes.csv and summary.json to {tmp_path / 'a'}" in told.err
+    Evaluate(policy="hold", episodes=1, seconds=0.2, filter="none", out=tmp_path / "b").run()
+    assert "warning" not in capsys.readouterr().err
+    command = Compare(filters=("jssa", "none"), humans=("none",), policies=(broken, "hold"), episodes=1, seconds=0.2)
+    replace(command, out=tmp_path / "c").run()
+    warnings = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning: ")]
+    assert [line.split(": ")[1].split(", ")[1] for line in warnings] == ["jssa", "none"]
+    assert all(broken in line for line in warnings)
 
 
 def test_an_interrupt_says_how_to_go_on(tmp_path, monkeypatch, capsys):

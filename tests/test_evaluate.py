@@ -324,6 +324,23 @@ def test_an_episode_that_cannot_be_played_again_is_told(tmp_path):
     assert len(report.unlike) == len(report.traces) == 1
 
 
+def test_actions_that_are_not_finite_are_counted_apart_from_other_faults():
+    report = jssa_gym.evaluate(
+        picklable.environment, "picklable:broken_every_third", 2, filter="jssa+stop", steps=10, seed=3
+    )
+    assert [episode.summary.n_actions_not_finite for episode in report.episodes] == [3, 3]
+    assert report.means["fault_rate"].value == pytest.approx(0.3)
+    (warning,) = report.warnings
+    assert "6 steps of 2 episodes" in warning
+    assert warning in str(report)
+    assert report.as_dict()["warnings"] == [warning]
+    # a fault of the sensor is none of the policy's
+    blind = jssa_gym.evaluate(picklable.blind, picklable.push, 1, filter="jssa+stop", steps=300)
+    assert blind.means["fault_rate"].value > 0.0
+    assert blind.warnings == ()
+    assert "warning" not in str(blind)
+
+
 # ---- resumed, in parallel ----------------------------------------------------------------------------
 
 

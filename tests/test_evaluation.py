@@ -121,6 +121,7 @@ def test_a_summary_by_hand():
         n_collisions_shared_fault=None,
         n_collisions_self=None,
         n_collisions_static=None,
+        n_actions_not_finite=0,
         # 0.3 / 0.1, 0.2 / 0.4, and in the third step they touch and approach
         ttc=0.0,
         ssm_margin=None,

@@ -26,9 +26,12 @@ def test_readme_block_runs(block: int) -> None:
 
 @pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "examples").glob("*.py")))
 def test_example_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    arguments = {"train_ppo.py": ["--steps", "320"]}.get(name, [])
-    if name == "train_ppo.py":
-        pytest.importorskip("stable_baselines3")
+    short = {
+        "train_ppo.py": ("stable_baselines3", ["--steps", "320"]),
+        "cleanrl_ppo.py": ("torch", ["--total-timesteps", "128", "--num-envs", "2", "--num-steps", "32"]),
+    }
+    needed, arguments = short.get(name, ("gymnasium", []))
+    pytest.importorskip(needed)
     monkeypatch.setattr(sys, "argv", [name, *arguments])
     runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
 

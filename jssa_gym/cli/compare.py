@@ -4,11 +4,13 @@ import json
 import shlex
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 from rich.console import Console
 from rich.table import Table
 
-from jssa_gym.cli.evaluate import find_policies_here, play, ticks
+from jssa_gym.cli.evaluate import find_policies_here, play, ticks, warn
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.html import write_page
 from jssa_gym.evaluation.leaderboard import Standing, standings
@@ -19,18 +21,14 @@ from jssa_gym.evaluation.plans import Study
 class Compare:
     """Every combination of tasks, filters, people and policies on paired seeds, as one HTML page.
 
-    A comparison that was interrupted goes on where it stopped when the same command is given again.
+    Differences are told to the first filter. A comparison that was interrupted goes on where it stopped when the same
+    command is given again.
     """
 
-    tasks: tuple[str, ...] = ("reach",)
-    """Tasks of the environment."""
-    filters: tuple[str, ...] = ("jssa+stop", "jssa", "jssa_published", "none+stop", "none")
-    """Filters by name; with +stop behind it, inside the viability box and the verified stop. Differences are told to
-    the first."""
-    humans: tuple[str, ...] = ("walk_by", "approach_retreat")
-    """People by name."""
-    policies: tuple[str, ...] = ("jpc",)
-    """Policies by name, files .npz or .zip, or package.module:factory."""
+    tasks: Annotated[tuple[str, ...], TASK] = ("reach",)
+    filters: Annotated[tuple[str, ...], FILTER] = ("jssa+stop", "jssa", "jssa_published", "none+stop", "none")
+    humans: Annotated[tuple[str, ...], HUMAN] = ("walk_by", "approach_retreat")
+    policies: Annotated[tuple[str, ...], POLICY] = ("jpc",)
     episodes: int = 20
     """Of every combination."""
     seed: int = 0
@@ -71,7 +69,10 @@ class Compare:
             print(json.dumps([_plain(one) for one in ranked], indent=2, allow_nan=False))
         else:
             _show(ranked)
-        Console(stderr=True).print(f"wrote {self.out / 'report.html'}")
+        console = Console(stderr=True)
+        for report in reports:
+            warn(report, console)
+        console.print(f"wrote {self.out / 'report.html'}")
 
     def _command(self) -> str:
         """What makes the same page again."""

@@ -4,10 +4,12 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from rich.console import Console
 from rich.table import Table
 
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.envs.arm import DT, MOVING
 from jssa_gym.evaluation.metrics import SeparationParams
@@ -61,14 +63,10 @@ class Evaluate:
     episodes.csv, summary.json and recordings of the worst episodes for `jssa-gym replay`.
     """
 
-    task: str = "reach"
-    """Task of the environment."""
-    filter: str = "jssa+stop"
-    """Filter by name; with +stop behind it, inside the viability box and the verified stop."""
-    human: str = "walk_by"
-    """People by name."""
-    policy: str = "jpc"
-    """Policy by name, a file .npz or .zip, or package.module:factory, called with environment and seed."""
+    task: Annotated[str, TASK] = "reach"
+    filter: Annotated[str, FILTER] = "jssa+stop"
+    human: Annotated[str, HUMAN] = "walk_by"
+    policy: Annotated[str, POLICY] = "jpc"
     episodes: int = 100
     """How many."""
     seed: int = 0
@@ -110,6 +108,15 @@ class Evaluate:
             print(json.dumps(report.as_dict(), indent=2, allow_nan=False))
         else:
             _show(report)
+        console = Console(stderr=True)
+        warn(report, console)
+        console.print(f"wrote episodes.csv and summary.json to {self.out}", highlight=False, soft_wrap=True)
+
+
+def warn(report: Report, console: Console) -> None:
+    """Say what is wrong with the policy itself, whatever the filter made of it."""
+    for warning in report.warnings:
+        console.print(f"warning: {', '.join(report.setting)}: {warning}", highlight=False, soft_wrap=True)
 
 
 def _show(report: Report) -> None:

@@ -5,13 +5,14 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from rich.console import Console
 from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import write_figure
+from jssa_gym.cli.names import HUMAN, OPPONENTS, SHIELDS, WRONG
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
@@ -39,14 +40,10 @@ class Stress:
     preset: Literal["quick", "claim", "power", "avoid", "degradation"] = "quick"
     """What is tried: a check in seconds; the whole shield's promise; shields without a guard; harmless people; people
     faster and measurements later than assumed. The next five replace a part of it."""
-    filters: tuple[str, ...] = ()
-    """Shields by name, whole and weakened."""
-    humans: tuple[str, ...] = ()
-    """People by name."""
-    policies: tuple[str, ...] = ()
-    """Policies by name."""
-    faults: tuple[str, ...] = ()
-    """Faults by name."""
+    filters: Annotated[tuple[str, ...], SHIELDS] = ()
+    humans: Annotated[tuple[str, ...], HUMAN] = ()
+    policies: Annotated[tuple[str, ...], OPPONENTS] = ()
+    faults: Annotated[tuple[str, ...], WRONG] = ()
     episodes: int | None = None
     """Of every combination."""
     out: Path = Path("stress")
@@ -97,6 +94,12 @@ class Stress:
             print(json.dumps({"rows": [_plain(row, self.by) for row in rows], "broken": len(broken)}, indent=2))
         else:
             _show(rows, self.by, broken, ledger)
+        written = ["episodes.csv"]
+        if preset == "degradation":
+            written.append("degradation.png")
+        if any(ledger.traces.glob("*.npz")):
+            written.append("traces of the worst episodes")
+        console.print(f"wrote {', '.join(written)} to {self.out}", highlight=False, soft_wrap=True)
         if broken:
             raise SystemExit(1)
 

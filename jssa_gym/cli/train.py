@@ -111,9 +111,9 @@ class Train:
     def run(self) -> None:
         """Train, print, film."""
         config = self.config()
-        from jssa_gym.train.loop import train  # torch: not for --help
-
         import torch
+
+        from jssa_gym.train.loop import train  # torch: not for --help
 
         torch.set_num_threads(self.threads)
         writable_folder(self.out)

@@ -57,6 +57,17 @@ class Report:
             {metric.over_episodes: mean for metric, mean in found if mean is not None},
         )
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with the policy itself, whatever the filter made of it."""
+        steps = column(self.episodes, "n_actions_not_finite")
+        if not steps.any():
+            return ()
+        return (
+            f"the policy's action was not finite in {int(steps.sum()):,} steps of {int((steps > 0.0).sum()):,} "
+            "episodes: the arm braked there (status FAULT)",
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """As JSON can hold it."""
         return {
@@ -66,6 +77,7 @@ class Report:
             "means": {name: dataclasses.asdict(mean) for name, mean in self.means.items()},
             "traces": [str(path) for path in self.traces],
             "unlike": list(self.unlike),
+            "warnings": list(self.warnings),
         }
 
     def save(self, path: str | Path) -> None:
@@ -77,6 +89,7 @@ class Report:
         lines += [f"  {name:<32} {rate}" for name, rate in self.rates.items()]
         units = {metric.over_episodes: metric.unit for metric in METRICS}
         lines += [f"  {name:<32} {mean} {units[name]}".rstrip() for name, mean in self.means.items()]
+        lines += [f"  warning: {warning}" for warning in self.warnings]
         return "\n".join(lines)
 
 

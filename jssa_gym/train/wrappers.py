@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, JointState
-from jssa_gym.validation import known_name, number_within, share as checked_share
+from jssa_gym.validation import known_name, number_within
+from jssa_gym.validation import share as checked_share
 
 EXECUTED = "executed_action"
 """Key of ``info`` with the action that was executed, shape (n,)."""

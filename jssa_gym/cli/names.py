@@ -1,0 +1,27 @@
+"""Options that take names: what their help says is what the registries hold."""
+
+from collections.abc import Iterable
+
+import tyro
+
+from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
+from jssa_gym.evaluation.plans import STOP
+from jssa_gym.policies import POLICIES
+from jssa_gym.shields import FILTERS
+
+
+def _says(text: str, names: Iterable[str]) -> object:
+    return tyro.conf.arg(help=f"{text}: {', '.join(names)}.")
+
+
+TASK = _says("Task of the environment by name", TASKS)
+FILTER = _says(f"Filter by name, with {STOP} behind it inside the viability box and the verified stop", FILTERS)
+HUMAN = _says("People by name", PEOPLE)
+POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", POLICIES)
+"""Of what is evaluated."""
+
+SHIELDS = _says("Shields by name, whole and weakened", CONTENDERS)
+OPPONENTS = _says("Policies by name", POLICIES)
+WRONG = _says("Faults by name", FAULTS)
+"""Of what is tried in campaigns, besides people."""
