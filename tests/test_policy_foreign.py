@@ -1,10 +1,13 @@
 """Models of Stable-Baselines3: rebuilt from their weights, and never run unless trusted."""
 
 import io
+import json
 import pickle
+import re
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -170,6 +173,23 @@ class TestConversion:
         assert len(run.stdout.splitlines()) == 1
         assert "pip install 'jssa-gym[train]'" in run.stdout
         assert issubclass(MissingExtraError, ImportError)
+
+
+def test_what_the_documentation_shows_really_runs(tmp_path, monkeypatch):
+    text = (Path(__file__).parent.parent / "docs" / "policies.md").read_text()
+    loading, converting = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    for block in (converting, loading):
+        exec(compile(block, "docs/policies.md", "exec"), {"__name__": "docs"})
+
+
+def test_the_documentation_lists_all_keys_of_a_file(saved_policy):
+    text = (Path(__file__).parent.parent / "docs" / "policies.md").read_text()
+    with zipfile.ZipFile(saved_policy) as archive:
+        header = json.loads(archive.read("policy.json"))
+    table = text.split("| key of `policy.json` | value |")[1].split("\n\n")[0]
+    first = "".join(line.split("|")[1] for line in table.splitlines() if line.startswith("| `"))
+    assert set(re.findall(r"`(\w+)`", first)) == set(header)
 
 
 @pytest.fixture

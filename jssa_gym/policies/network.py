@@ -95,9 +95,10 @@ class Network:
         act = ACTIVATIONS[self.activation]
         with np.errstate(over="ignore", invalid="ignore"):
             x = np.clip((observation - self.mean) / self.std, -self.clip, self.clip)
+            # row by row: the bits of a matrix product may depend on the number of threads
             for inner, offset in hidden:
-                x = act(inner @ x + offset)
-            return OUTPUTS[self.output](weight @ x + bias)
+                x = act(np.vecdot(inner, x) + offset)
+            return OUTPUTS[self.output](np.vecdot(weight, x) + bias)
 
 
 def _read_only(array: NDArray) -> Array:
