@@ -119,7 +119,9 @@ class Train:
         writable_folder(self.out)
         console = Console(stderr=True)
         columns: tuple[Any, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+        with Progress(
+            *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True
+        ) as progress:
             bar = progress.add_task("policy steps", total=config.steps)
             try:
                 training = train(

@@ -43,7 +43,7 @@ def write_checkpoint(
 ) -> Checkpoint:
     """Write a checkpoint so that a crash at any moment leaves it complete or not there, and drop the oldest ones.
 
-    All files go to a temporary folder and to the disk, the manifest with their SHA-256 last; then the folder is renamed.
+    All files go to a temporary folder and to the disk, the manifest with their SHA-256 last; then it is renamed.
 
     Args:
         folder: Where checkpoints are kept.
@@ -131,7 +131,7 @@ def latest_checkpoint(folder: Path) -> tuple[Checkpoint | None, list[CheckpointE
             refused.append(error)
     if refused:
         raise CheckpointError(
-            f"none of the checkpoints in {folder} can be used; delete the folder to begin anew. The newest: {refused[0]}"
+            f"none of the checkpoints in {folder} can be used; delete it to begin anew. The newest: {refused[0]}"
         )
     return None, refused
 

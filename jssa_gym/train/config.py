@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from jssa_gym.envs.tasks import TASKS
@@ -78,8 +78,8 @@ class TrainConfig:
             raise ParameterError("without a shield there are no interventions to learn from or to observe")
         if self.stores_executed and not isinstance(self.settings, OffPolicy):
             raise ParameterError(
-                f"{self.settings.algorithm} needs the probability with which its policy chose an action, and it did not "
-                f"choose the executed one: learn_from={self.learn_from!r} needs an algorithm with a replay buffer, "
+                f"{self.settings.algorithm} needs the probability with which its policy chose an action, and it did "
+                f"not choose the executed one: learn_from={self.learn_from!r} needs an algorithm with a replay buffer, "
                 "sac, td3 or tqc"
             )
 
@@ -106,25 +106,18 @@ class TrainConfig:
             ParameterError: It is not one.
         """
         try:
-            settings = dict(data["settings"])
+            settings: dict[str, Any] = dict(data["settings"])
             kind = ALGORITHMS[settings.pop("algorithm")]
-            return cls(**{**data, "settings": kind(**settings)})
+            values: dict[str, Any] = {**data, "settings": kind(**settings)}
+            return cls(**values)
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise ParameterError(f"this is no training: {error}") from error
 
     @property
     def digest(self) -> str:
         """What tells it from trainings whose results differ; how long it goes on does not count."""
-        data = {**self.as_dict(), "steps": 0} if not self._total_matters else self.as_dict()
+        data = self.as_dict() if self.settings.decay else {**self.as_dict(), "steps": 0}
         return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
-
-    @property
-    def _total_matters(self) -> bool:
-        return getattr(self.settings, "decay", self.settings.decay)
-
-
-def _preset(task: str, settings: Settings, **changes: Any) -> TrainConfig:
-    return replace(TrainConfig(task=task, settings=settings), **changes)
 
 
 PRESETS: dict[tuple[str, str], TrainConfig] = {}

@@ -1,6 +1,7 @@
 """The environments that a learner acts in."""
 
 from functools import partial
+from typing import Any
 
 import gymnasium as gym
 
@@ -27,10 +28,8 @@ def control_env(config: TrainConfig, endings: tuple[str, ...] = ENDINGS, shield:
         endings: ``terminate_on`` of the environment.
         shield: Whether there is a shield, if the training has one; an evaluation may go without.
     """
-    kwargs = {} if config.human is None else {"human": config.human}
-    env = gym.make(
-        shielded_id(config.task, shield), terminate_on=endings, disable_env_checker=True, **kwargs
-    )
+    kwargs: dict[str, Any] = {} if config.human is None else {"human": config.human}
+    env = gym.make(shielded_id(config.task, shield), terminate_on=endings, disable_env_checker=True, **kwargs)
     return ObserveIntervention(env) if config.observe_intervention else env
 
 

@@ -91,14 +91,14 @@ class Tally:
 
 def as_rows(history: tuple[Leg, ...]) -> list[dict[str, Any]]:
     """As JSON can hold it: None for what is not there."""
-    return [
-        {f.name: None if (x := getattr(leg, f.name)) != x else x for f in fields(leg)} for leg in history
-    ]
+    return [{f.name: None if (x := getattr(leg, f.name)) != x else x for f in fields(leg)} for leg in history]
 
 
 def from_rows(rows: list[dict[str, Any]]) -> tuple[Leg, ...]:
     """From :func:`as_rows`."""
-    return tuple(Leg(**{name: float("nan") if value is None else value for name, value in row.items()}) for row in rows)
+    nothing = float("nan")
+    filled: list[dict[str, Any]] = [{k: nothing if x is None else x for k, x in row.items()} for row in rows]
+    return tuple(Leg(**row) for row in filled)
 
 
 def write_history(path: Path, history: tuple[Leg, ...]) -> None:

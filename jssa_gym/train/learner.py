@@ -1,13 +1,14 @@
-"""The Stable-Baselines3 model of a training: built, saved, restored, turned into a policy file."""
+"""The Stable-Baselines3 model of a training: built, and turned into a policy."""
 
-import io
-from pathlib import Path
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.exceptions import CheckpointError, MissingExtraError, ParameterError
+from jssa_gym.exceptions import MissingExtraError, ParameterError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network
 from jssa_gym.train.config import TrainConfig
@@ -25,13 +26,9 @@ try:
     from stable_baselines3.common.monitor import Monitor
     from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-    from stable_baselines3.common.running_mean_std import RunningMeanStd
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 except ImportError as error:
     raise MissingExtraError(f"training needs the extra 'train': {INSTALL}") from error
-
-PARAMETERS, STATISTICS, BUFFER = "parameters.pt", "statistics.npz", "buffer.npz"
-"""Files of a checkpoint."""
 
 _CLIP = 10.0
 """Normalised observations are clipped to this."""
@@ -56,10 +53,14 @@ class ExecutedBuffer(ReplayBuffer):
 
 def make_vec_env(config: TrainConfig) -> VecEnv:
     """The environments, stepped together; a vector environment of the package's own would take its place here."""
-    functions = [lambda make=make: Monitor(make()) for make in makers(config)]
+    functions: list[Callable[[], gym.Env]] = [partial(_monitored, make) for make in makers(config)]
     if config.processes:
         return SubprocVecEnv(functions, start_method="spawn")
     return DummyVecEnv(functions)
+
+
+def _monitored(make: Callable[[], gym.Env]) -> gym.Env:
+    return Monitor(make())
 
 
 def build(config: TrainConfig, device: str = "cpu") -> BaseAlgorithm:
@@ -121,8 +122,8 @@ def _off_policy(
         "policy_kwargs": shape,
     }
     if isinstance(settings, TD3):
-        n = env.action_space.shape[0]  # ty: ignore[non-subscriptable]
-        noise = NormalActionNoise(np.zeros(n), np.full(n, settings.noise))
+        zero = np.zeros(env.action_space.shape or ())
+        noise = NormalActionNoise(zero, zero + settings.noise)
         return sb3.TD3("MlpPolicy", env, action_noise=noise, **replay, **common)
     if settings.algorithm == "sac":
         return sb3.SAC("MlpPolicy", env, **replay, **common)
@@ -134,7 +135,7 @@ def _off_policy(
 
 
 class _Falling:
-    """A learning rate that falls linearly to 0 over the whole training, of which ``learn`` is told one leg at a time."""
+    """A learning rate that falls linearly to 0 over the whole training; ``learn`` is told of one leg at a time."""
 
     def __init__(self, rate: float, steps: int) -> None:
         self._rate, self._steps = rate, steps
@@ -143,111 +144,6 @@ class _Falling:
     def __call__(self, left_of_leg: float) -> float:
         done = 0 if self.model is None else self.model.num_timesteps
         return self._rate * max(1.0 - done / self._steps, 0.0)
-
-
-# ---- saved and restored ------------------------------------------------------------------------------
-
-
-def save_parameters(model: BaseAlgorithm, path: Path) -> None:
-    """Networks, optimisers and counters; tensors only."""
-    names, tensors = model._get_torch_save_params()
-    state = {
-        "parameters": model.get_parameters(),
-        "tensors": {name: getattr(model, name).detach() for name in tensors},
-        "counters": {"updates": model._n_updates, "episodes": model._episode_num},
-    }
-    assert set(names) == set(state["parameters"])
-    content = io.BytesIO()  # torch's own writer says of a full disk that something is inconsistent
-    torch.save(state, content)
-    path.write_bytes(content.getvalue())
-
-
-def load_parameters(model: BaseAlgorithm, path: Path) -> None:
-    """Restore what :func:`save_parameters` wrote, without unpickling objects.
-
-    Raises:
-        CheckpointError: It is for another network, or no such file.
-    """
-    try:
-        state = torch.load(path, map_location=model.device, weights_only=True)
-        model.set_parameters(state["parameters"], exact_match=True, device=model.device)
-        with torch.no_grad():
-            for name, tensor in state["tensors"].items():
-                getattr(model, name).copy_(tensor)
-        model._n_updates = int(state["counters"]["updates"])
-        model._episode_num = int(state["counters"]["episodes"])
-    except Exception as error:  # whatever torch thinks of a file that somebody changed
-        raise CheckpointError(f"{path} does not hold this training's parameters: {error}") from error
-
-
-_MOMENTS = ("mean", "var", "count")
-
-
-def save_statistics(model: BaseAlgorithm, path: Path) -> None:
-    """Running statistics of observations and rewards."""
-    arrays: dict[str, NDArray[Any]] = {}
-    norm = model.get_vec_normalize_env()
-    if norm is not None:
-        for kind in ("obs", "ret"):
-            rms: Any = getattr(norm, f"{kind}_rms")
-            arrays |= {f"{kind}_{moment}": np.asarray(getattr(rms, moment), np.float64) for moment in _MOMENTS}
-    np.savez(path, **arrays)
-
-
-def load_statistics(model: BaseAlgorithm, path: Path) -> None:
-    """Restore what :func:`save_statistics` wrote.
-
-    Raises:
-        CheckpointError: It is no such file.
-    """
-    norm = model.get_vec_normalize_env()
-    if norm is None:
-        return
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            for kind in ("obs", "ret"):
-                rms: RunningMeanStd = getattr(norm, f"{kind}_rms")
-                mean = arrays[f"{kind}_mean"]
-                if mean.shape != np.shape(rms.mean):
-                    raise ValueError(f"{kind} has shape {mean.shape} instead of {np.shape(rms.mean)}")
-                rms.mean, rms.var = mean, arrays[f"{kind}_var"]
-                rms.count = float(arrays[f"{kind}_count"])
-    except (OSError, ValueError, KeyError) as error:
-        raise CheckpointError(f"{path} does not hold this training's statistics: {error}") from error
-
-
-_COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
-
-
-def save_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
-    """The filled part of the replay buffer."""
-    buffer = model.replay_buffer
-    assert buffer is not None
-    filled = buffer.size()
-    columns = {name: getattr(buffer, name)[:filled] for name in _COLUMNS}
-    np.savez(path, **columns, cursor=np.array([buffer.pos, buffer.full], np.int64))
-
-
-def load_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
-    """Restore what :func:`save_buffer` wrote.
-
-    Raises:
-        CheckpointError: It is no such file.
-    """
-    buffer = model.replay_buffer
-    assert buffer is not None
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            pos, full = (int(x) for x in arrays["cursor"])
-            filled = buffer.buffer_size if full else pos
-            for name in _COLUMNS:
-                getattr(buffer, name)[:filled] = arrays[name]
-        buffer.pos, buffer.full = pos, bool(full)
-    except (OSError, ValueError, KeyError) as error:
-        raise CheckpointError(f"{path} does not hold this training's replay buffer: {error}") from error
-
-
-# ---- as a policy -------------------------------------------------------------------------------------
 
 
 def to_policy(model: BaseAlgorithm, config: TrainConfig, provenance: dict[str, Any] | None = None) -> LearnedPolicy:
@@ -265,9 +161,9 @@ def to_policy(model: BaseAlgorithm, config: TrainConfig, provenance: dict[str, A
         body, head, activation, output = "actor.mu.", None, "relu", "tanh"
     else:
         body, head, activation, output = "actor.latent_pi.", "actor.mu", "relu", "tanh"
-    names = [
-        name.removesuffix(".weight") for name in state if name.startswith(body) and name.endswith(".weight")
-    ] + ([head] if head else [])
+    names = [name.removesuffix(".weight") for name in state if name.startswith(body) and name.endswith(".weight")] + (
+        [head] if head else []
+    )
     names = sorted(names[:-1], key=lambda name: int(name.rsplit(".", 1)[1])) + names[-1:] if head else names
     layers = tuple((state[f"{name}.weight"], state[f"{name}.bias"]) for name in names)
     size = layers[0][0].shape[1]

@@ -23,18 +23,17 @@ from jssa_gym.train.checkpoint import Checkpoint, latest_checkpoint, write_check
 from jssa_gym.train.config import EVALUATION_SEED, TrainConfig
 from jssa_gym.train.environment import control_env
 from jssa_gym.train.history import Leg, Tally, as_rows, from_rows, write_history
-from jssa_gym.train.learner import (
+from jssa_gym.train.learner import build, to_policy
+from jssa_gym.train.state import (
     BUFFER,
     PARAMETERS,
     STATISTICS,
-    build,
     load_buffer,
     load_parameters,
     load_statistics,
     save_buffer,
     save_parameters,
     save_statistics,
-    to_policy,
 )
 
 CHECKPOINTS, BEST, LAST, HISTORY, LOGS = "checkpoints", "best.npz", "last.npz", "history.csv", "tensorboard"
@@ -94,7 +93,9 @@ def train(
     for error in refused:
         tell(f"passed over a checkpoint: {error}")
     if found is not None and found.data.get("config") != config.digest:
-        raise CheckpointError(f"{folder} holds another training; give another folder, or the settings that it began with")
+        raise CheckpointError(
+            f"{folder} holds another training; give another folder, or the settings that it began with"
+        )
     model = build(config, device)
     history: tuple[Leg, ...] = ()
     try:
@@ -144,7 +145,9 @@ def _leg(
     model._last_obs = None  # the environments begin anew, as they would after an interruption
     end = min((number + 1) * config.interval, config.steps)
     begun = time.monotonic()
-    model.learn(max(end - model.num_timesteps, 1), counter, reset_num_timesteps=False, log_interval=_log_interval(model))
+    model.learn(
+        max(end - model.num_timesteps, 1), counter, reset_num_timesteps=False, log_interval=_log_interval(model)
+    )
     seconds = time.monotonic() - begun
     policy = to_policy(model, config)
     report = evaluate(partial(control_env, config), policy, config.eval_episodes, EVALUATION_SEED)
