@@ -13,7 +13,7 @@ PACKAGE = Path(jssa_gym.__file__).parent
 
 LAYERS = (
     ("kernels", "exceptions", "headless"),
-    ("types", "validation", "rates"),
+    ("types", "validation", "rates", "storage"),
     ("robots", "humans"),
     ("safety",),
     ("shields", "envs", "control"),

@@ -5,9 +5,11 @@ import hashlib
 import io
 import itertools
 import json
+import os
 import pickle
 import warnings
 import zipfile
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -299,6 +301,17 @@ class TestFiles:
         # times and attributes of members, which say nothing about a policy
         assert 0 < accepted < 500
 
+    @pytest.mark.parametrize("step", ["fsync", "replace"])
+    def test_a_write_that_fails_leaves_what_was_there(self, reach, policy, saved, monkeypatch, step):
+        def fails(*_):
+            raise OSError("no space left")
+
+        monkeypatch.setattr(os if step == "fsync" else Path, step, fails)
+        with pytest.raises(OSError, match="no space left"):
+            save_policy(saved, learned(reach, seed=1))
+        assert same(policy, read_policy(saved))
+        assert [path.name for path in saved.parent.iterdir()] == [saved.name]
+
     def test_what_cannot_be_read_or_written_is_said(self, policy, tmp_path):
         for missing in (tmp_path / "no.npz", tmp_path, tmp_path / "nul\0.npz"):
             with pytest.raises(PolicyFileError, match="cannot read"):
@@ -475,6 +488,8 @@ class TestWhatNoFileMayHold:
             npy(described("(16, 39)", "|O"), bytes(4 * 16 * 39)),
             npy(described("(16, 39)"), bytes(4 * 16 * 39), version=b"\x02\x00"),
             npy("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (16, 39), }", bytes(4 * 16 * 39)),
+            npy(described("(16, 39)", "<f8"), bytes(4 * 16 * 39)),
+            npy(described("(16, 39)"), bytes(4 * 16 * 39)).replace(b"\x76\x00{", b"\x75\x00{"),
             npy("(" * 300, bytes(4 * 16 * 39)),
         ],
     )

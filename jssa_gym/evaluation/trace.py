@@ -3,7 +3,6 @@
 import hashlib
 import io
 import json
-import os
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.exceptions import TraceError
+from jssa_gym.storage import write_whole
 from jssa_gym.types import Trace
 
 _FORMAT, _VERSION = "jssa_gym trace", 2
@@ -98,20 +98,7 @@ def save_trace(trace: Trace, path: str | Path, meta: Mapping[str, Any] | None = 
     with zipfile.ZipFile(buffer, "a") as archive:
         archive.comment = b"0" * _DIGEST
     body = buffer.getvalue()[:-_DIGEST]
-    _write(path, body + hashlib.sha256(body).hexdigest().encode())
-
-
-def _write(path: Path, content: bytes) -> None:
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with unfinished.open("wb") as file:
-            file.write(content)
-            file.flush()
-            # the name must not reach the disk before the content
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    write_whole(path, body + hashlib.sha256(body).hexdigest().encode())
 
 
 def load_trace(path: str | Path) -> Trace:

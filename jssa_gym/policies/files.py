@@ -3,7 +3,6 @@
 import hashlib
 import io
 import json
-import os
 import re
 import zipfile
 from pathlib import Path
@@ -15,6 +14,7 @@ from jssa_gym.exceptions import PolicyFileError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import MOST_LAYERS, Network
 from jssa_gym.robots import JointLimits
+from jssa_gym.storage import write_whole
 from jssa_gym.types import Array
 
 FORMAT, VERSION = "jssa_gym policy", 1
@@ -74,7 +74,6 @@ def save_policy(path: str | Path, policy: LearnedPolicy) -> None:
         PolicyFileError: It is larger than a file may be.
         OSError: The file cannot be written.
     """
-    path = Path(path)
     network, limits = policy.network, policy.limits
     header: dict[str, Any] = {"format": FORMAT, "version": VERSION}
     header |= {field: getattr(policy, field) for field in _PLAIN}
@@ -95,7 +94,7 @@ def save_policy(path: str | Path, policy: LearnedPolicy) -> None:
     body = buffer.getvalue()[:-_DIGEST]
     if len(body) + _DIGEST > LARGEST:
         raise PolicyFileError(f"a policy has at most {LARGEST} bytes, this one has {len(body) + _DIGEST}")
-    _write(path, body + hashlib.sha256(body).hexdigest().encode())
+    write_whole(Path(path), body + hashlib.sha256(body).hexdigest().encode())
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
@@ -108,19 +107,6 @@ def _packed(array: Array, kind: str) -> bytes:
     buffer = io.BytesIO()
     np.lib.format.write_array(buffer, np.ascontiguousarray(array, kind), version=(1, 0), allow_pickle=False)
     return buffer.getvalue()
-
-
-def _write(path: Path, content: bytes) -> None:
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with unfinished.open("wb") as file:
-            file.write(content)
-            file.flush()
-            # the name must not reach the disk before the content
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def read_policy(path: str | Path) -> LearnedPolicy:
@@ -225,10 +211,7 @@ def _array(name: str, content: bytes) -> Array:
     if found is None or int.from_bytes(content[8:10], "little") + 10 != found.end() or found[1].decode() != kind:
         raise ValueError(f"{name} is no plain array of type {kind}")
     shape = tuple(int(length) for length in found.groups()[1:] if length is not None)
-    data = content[found.end() :]
-    if len(data) != np.dtype(kind).itemsize * int(np.prod(shape, dtype=np.int64)):
-        raise ValueError(f"{name} has {len(data)} bytes, which is not what shape {shape} takes")
-    return np.frombuffer(data, kind).reshape(shape)
+    return np.frombuffer(content[found.end() :], kind).reshape(shape)
 
 
 def _numbers(name: str, value: Any) -> Any:
