@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.evaluation.report import Report
+from jssa_gym.storage import write_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,11 +103,9 @@ def from_rows(rows: list[dict[str, Any]]) -> tuple[Leg, ...]:
 
 
 def write_history(path: Path, history: tuple[Leg, ...]) -> None:
-    """Write it as a table, into a temporary file that is renamed."""
+    """Write it as a table, complete or not at all."""
     text = io.StringIO()
     writer = csv.DictWriter(text, [f.name for f in fields(Leg)], lineterminator="\n")
     writer.writeheader()
     writer.writerows(as_rows(history))
-    unfinished = path.with_suffix(path.suffix + ".part")
-    unfinished.write_text(text.getvalue())
-    unfinished.replace(path)
+    write_whole(path, text.getvalue().encode())
