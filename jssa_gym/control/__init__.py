@@ -5,6 +5,7 @@ from jssa_gym.control.commands import Commands, JPCAction
 from jssa_gym.control.jpc import JPC, Event, Phase
 from jssa_gym.control.moves import plan_approach, plan_brake, plan_move
 from jssa_gym.control.plan import Plan, plan_waypoints
+from jssa_gym.control.resolved import ResolvedRates
 
 __all__ = [
     "JPC",
@@ -14,6 +15,7 @@ __all__ = [
     "JPCAction",
     "Phase",
     "Plan",
+    "ResolvedRates",
     "plan_approach",
     "plan_brake",
     "plan_move",

@@ -1,4 +1,4 @@
-"""Agents that command joint positions or velocities instead of jerk."""
+"""Agents that command positions or velocities instead of jerk."""
 
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -8,13 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.control.cascade import Cascade
-from jssa_gym.robots import JointLimits
+from jssa_gym.control.resolved import ResolvedRates
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import JointLimits, RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import known_name
 
-MODES = ("position", "velocity")
+MODES = ("position", "velocity", "tip")
 """What can be commanded instead of jerk."""
+
+TIP_SPEED = 0.5
+"""Speed of the tool centre point along an axis that a command of 1 asks for [m/s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,53 +27,81 @@ class Commands:
     """What a command in [-1, 1] means, in jerk; the table is :class:`JPCAction`'s.
 
     Raises:
-        ParameterError: ``mode`` is none of :data:`MODES` or ``share`` out of range.
+        ParameterError: ``mode`` is none of :data:`MODES`, ``share`` out of range, or there is no robot for ``tip``.
     """
 
     limits: JointLimits
     mode: str
     share: float = 0.5
     """Share of the velocity and acceleration limits that is used, in (0, 1]."""
+    robot: RobotModel | None = None
+    """Whose tool is commanded; only ``tip`` needs it."""
     _cascade: Cascade = field(init=False, repr=False)
+    _rates: ResolvedRates | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         known_name("mode", self.mode, MODES)
+        if self.mode == "tip" and self.robot is None:
+            raise ParameterError("commands of the tool centre point need a robot")
         object.__setattr__(self, "_cascade", Cascade(self.limits, share=self.share))
+        tip = self.mode == "tip" and self.robot is not None
+        object.__setattr__(self, "_rates", ResolvedRates(self.robot) if tip else None)
+
+    @property
+    def size(self) -> int:
+        """How many numbers a command has."""
+        return len(self.limits.jerk) if self._rates is None else 3
 
     def jerk(self, state: JointState, command: Array) -> Array:
         """The jerk towards a command, as a share of the jerk bounds, shape (n,).
 
         Args:
             state: Joint state.
-            command: Within [-1, 1], shape (n,).
+            command: Within [-1, 1], shape (:attr:`size`,).
         """
         cascade, limits = self._cascade, self.limits
-        if self.mode == "position":
+        if self._rates is not None:
+            self._rates.look(state)
+            jerk = cascade.jerk_at_speed(state, self._rates.joint_velocity(command * TIP_SPEED))
+        elif self.mode == "position":
             low, high = limits.position.T
             jerk = cascade.jerk(state, (low + high) / 2.0 + command * ((high - low) / 2.0))
         else:
             jerk = cascade.jerk_at_speed(state, command * self.share * limits.velocity)
         return jerk / limits.jerk
 
+    def met_by(self, state: JointState) -> Array:
+        """The command in [-1, 1] that a state is what was asked for, or the nearest one, shape (:attr:`size`,)."""
+        if self._rates is not None:
+            command = self._rates.look(state)[1] / TIP_SPEED
+        elif self.mode == "position":
+            low, high = self.limits.position.T
+            command = (2.0 * state.position - high - low) / (high - low)
+        else:
+            command = state.velocity / (self.share * self.limits.velocity)
+        return np.clip(command, -1.0, 1.0)
+
 
 class JPCAction(gym.ActionWrapper[Any, NDArray[np.float32], Any], gym.utils.RecordConstructorArgs):
-    r"""Lets an agent command joint positions or velocities; goes *outside* a shield, which filters the jerk.
+    r"""Lets an agent command positions or velocities; goes *outside* a shield, which filters the jerk.
 
     Every tick's jerk leads towards the command by :class:`~jssa_gym.control.Cascade`: position, velocity and
     acceleration loops whose references are clipped to a share of the limits.
 
-    **Action**: ``Box(-1, 1, (n,), float32)``, of each joint
+    **Action**: ``Box(-1, 1, (n,), float32)``, of each joint; of ``tip`` ``(3,)``, of each axis of the world
 
-    ============  =============================================  =================
+    ============  =============================================  ======================================
     mode          meaning of an action :math:`\alpha`            reference
-    ============  =============================================  =================
+    ============  =============================================  ======================================
     ``position``  mid-range + :math:`\alpha` · half the range    position [rad]
     ``velocity``  :math:`\alpha` · share · velocity limit        velocity [rad/s]
-    ============  =============================================  =================
+    ``tip``       :math:`\alpha` · 0.5 m/s                       velocity of the tool centre point, by
+                                                                 :class:`~jssa_gym.control.ResolvedRates`
+    ============  =============================================  ======================================
 
     Commands outside [-1, 1] are clipped. An action that is not finite is passed on as it is: a shield brakes, an
-    environment without one refuses it. Positions stay within their limits by themselves; velocities lead beyond the
-    ends of the range unless a shield prevents it.
+    environment without one refuses it. Positions stay within their limits by themselves; velocities, of joints or tool,
+    lead beyond the ends of the range unless a shield prevents it.
 
     Args:
         env: With ``robot`` and ``scene`` in its chain, shielded or not.
@@ -79,17 +112,19 @@ class JPCAction(gym.ActionWrapper[Any, NDArray[np.float32], Any], gym.utils.Reco
         ParameterError: ``mode`` is unknown or ``share`` out of range.
     """
 
-    def __init__(self, env: gym.Env, *, mode: Literal["position", "velocity"] = "position", share: float = 0.5) -> None:
-        limits = env.get_wrapper_attr("robot").limits
-        self._commands = Commands(limits, mode, share)
+    def __init__(
+        self, env: gym.Env, *, mode: Literal["position", "velocity", "tip"] = "position", share: float = 0.5
+    ) -> None:
+        robot = env.get_wrapper_attr("robot")
+        self._commands = Commands(robot.limits, mode, share, robot)
         gym.utils.RecordConstructorArgs.__init__(self, mode=mode, share=share)
         gym.ActionWrapper.__init__(self, env)
         self.mode = mode
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (len(limits.jerk),), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (self._commands.size,), np.float32)
 
     def action(self, action: Any) -> Array:
         """The jerk towards a command, as a share of the jerk bounds, shape (n,)."""
-        command = checked_action(action, len(self._commands.limits.jerk))
+        command = checked_action(action, self._commands.size)
         if not np.all(np.isfinite(command)):
             return command
         return self._commands.jerk(self.env.get_wrapper_attr("scene").robot, np.clip(command, -1.0, 1.0))

@@ -11,7 +11,7 @@ import numpy as np
 from jssa_gym.control.commands import MODES, Commands
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.network import Network
-from jssa_gym.robots import JointLimits
+from jssa_gym.robots import ROBOTS, JointLimits, RobotModel, make_robot
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import known_name, number_within, positive_integer
 
@@ -31,13 +31,13 @@ class LearnedPolicy:
     A policy knows nothing of shields: whatever is around the environment stays as it is.
 
     Args:
-        network: From the observation to the n commands.
-        control: ``"jerk"``, or what JPCAction calls its ``mode``: ``"position"``, ``"velocity"``.
+        network: From the observation to the commands.
+        control: ``"jerk"``, or what JPCAction calls its ``mode``: ``"position"``, ``"velocity"``, ``"tip"``.
         share: Share of the velocity and acceleration limits that a command may use, in (0, 1].
         ticks: For how many control ticks an action was held in training; says where a policy comes from, no more.
         limits: Joint limits of the robot that it was trained with.
         task: Name of the task that it was trained for.
-        robot: Name of that robot.
+        robot: Name of that robot; for ``"tip"`` one of :data:`~jssa_gym.robots.ROBOTS`.
         observes_intervention: Whether the observation's last number is not the environment's but tells of the shield.
         provenance: Where it comes from, as JSON can hold it; copied.
 
@@ -70,13 +70,17 @@ class LearnedPolicy:
         if not isinstance(self.observes_intervention, bool):
             raise ParameterError(f"observes_intervention has to be True or False, got {self.observes_intervention!r}")
         n = len(self.limits.jerk)
-        if self.network.outputs != n:
-            raise ParameterError(f"the network answers with {self.network.outputs} numbers for {n} joints")
+        commands = None if self.control == "jerk" else Commands(self.limits, self.control, share, self._model())
+        wanted = n if commands is None else commands.size
+        if self.network.outputs != wanted:
+            raise ParameterError(
+                f"the network answers with {self.network.outputs} numbers, control {self.control!r} of {n} joints has "
+                f"{wanted}"
+            )
         if self.network.inputs < 3 * n + self.observes_intervention:
             raise ParameterError(
                 f"the network takes {self.network.inputs} numbers, too few for the state of {n} joints"
             )
-        commands = None if self.control == "jerk" else Commands(self.limits, self.control, share)
         for name, value in (
             ("share", share),
             ("ticks", positive_integer("ticks", self.ticks)),
@@ -84,6 +88,15 @@ class LearnedPolicy:
             ("_commands", commands),
         ):
             object.__setattr__(self, name, value)
+
+    def _model(self) -> RobotModel | None:
+        """The arm whose tool is commanded: one of the package's, since a file must not have others read."""
+        if self.control != "tip":
+            return None
+        robot = make_robot(known_name("robot", self.robot, ROBOTS))
+        if robot.n != len(self.limits.jerk):
+            raise ParameterError(f"{self.robot} has {robot.n} joints, the limits have {len(self.limits.jerk)}")
+        return robot
 
     def __call__(self, observation: Any) -> Array:
         """The jerk as a share of its bounds, in [-1, 1], shape (n,).
@@ -99,7 +112,7 @@ class LearnedPolicy:
         """
         x = self._checked(observation)
         if not np.all(np.isfinite(x)):
-            return np.full(self.network.outputs, np.nan)
+            return np.full(len(self.limits.jerk), np.nan)
         command = self.network(x)
         if self._commands is None:
             return command
@@ -135,7 +148,7 @@ class LearnedPolicy:
         """
         limits: JointLimits = env.get_wrapper_attr("robot").limits
         for name, wanted, found in (
-            ("action", (self.network.outputs,), env.action_space.shape),
+            ("action", self.limits.jerk.shape, env.action_space.shape),
             ("observation", (self.network.inputs,), env.observation_space.shape),
         ):
             if wanted != found:

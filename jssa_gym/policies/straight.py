@@ -6,9 +6,8 @@ import gymnasium as gym
 import numpy as np
 
 from jssa_gym.control import Cascade
+from jssa_gym.control.resolved import ResolvedRates
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.chain import forward, jacobian, tool_motion
-from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import positive_number
 
@@ -37,11 +36,9 @@ class StraightPolicy:
             raise ParameterError(f"{env} has no goal to move to; HoldPolicy holds a joint position on any environment")
         self._env, self._robot = env, env.get_wrapper_attr("robot")
         self._gain, self._speed = positive_number("gain", gain), positive_number("speed", speed)
-        self._damping = positive_number("damping", damping)
+        self._rates = ResolvedRates(self._robot, damping)
         self._tip = getattr(getattr(env.unwrapped, "task", None), "space", "joints") == "tip"
         self._cascade = Cascade(self._robot.limits, share=1.0 if self._tip else 0.5)
-        self._frames, self._motion = records(self._robot.n, FRAME), np.zeros((2, 3))
-        self._J = np.zeros((3, self._robot.n))
 
     def __call__(self, observation: Any) -> Array:
         """Action towards the goal, shape (n,)."""
@@ -54,10 +51,6 @@ class StraightPolicy:
 
     def _velocity(self, state: JointState, goal: Array) -> Array:
         """Joint velocity that moves the tool centre point towards a point (3,), shape (n,) [rad/s]."""
-        robot, J = self._robot, self._J
-        forward(robot.links, np.array([state.position, state.velocity, state.acceleration]), self._frames)
-        tool_motion(self._frames, robot.tool_link, robot.tool_offset, self._motion)
-        jacobian(self._frames, robot.tool_link, self._motion[0], J)
-        way = goal - self._motion[0]
+        way = goal - self._rates.look(state)[0]
         rate = min(self._gain, self._speed / max(float(np.linalg.norm(way)), 1e-9))
-        return J.T @ np.linalg.solve(J @ J.T + self._damping**2 * np.eye(3), rate * way)
+        return self._rates.joint_velocity(rate * way)

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.exceptions import ParameterError
@@ -12,7 +12,7 @@ from jssa_gym.train.settings import ALGORITHMS, PPO, OffPolicy, Settings
 from jssa_gym.validation import known_name, number_within, positive_integer, share, whole_number
 
 LearnFrom = Literal["policy", "executed", "penalty", "both"]
-Control = Literal["jerk", "velocity", "position"]
+Control = Literal["jerk", "velocity", "position", "tip"]
 
 EVALUATION_SEED = 1_500_000_000
 """First seed of the evaluations during a training."""
@@ -65,7 +65,7 @@ class TrainConfig:
         known_name("task", self.task, TASKS)
         if self.human is not None:
             known_name("human", self.human, HUMANS)
-        known_name("control", self.control, ("jerk", "velocity", "position"))
+        known_name("control", self.control, get_args(Control))
         known_name("learn_from", self.learn_from, ("policy", "executed", "penalty", "both"))
         for name in ("ticks", "steps", "envs", "interval", "eval_episodes"):
             positive_integer(name, getattr(self, name))

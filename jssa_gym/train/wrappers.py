@@ -6,11 +6,11 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.control.commands import MODES, Commands
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import known_name, number_within
-from jssa_gym.validation import share as checked_share
 
 EXECUTED = "executed_action"
 """Key of ``info`` with the action that was executed, shape (n,)."""
@@ -107,9 +107,9 @@ class ExecutedAction(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def __init__(self, env: gym.Env, control: str = "jerk", share: float = 0.5) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, control=control, share=share)
         gym.Wrapper.__init__(self, env)
-        self._control = known_name("control", control, ("jerk", "velocity", "position"))
-        self._share = checked_share("share", share)
         self._robot: RobotModel = env.get_wrapper_attr("robot")
+        known_name("control", control, ("jerk", *MODES))
+        self._commands = None if control == "jerk" else Commands(self._robot.limits, control, share, self._robot)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and say what it made of the action."""
@@ -123,12 +123,7 @@ class ExecutedAction(gym.Wrapper, gym.utils.RecordConstructorArgs):
         return observation, reward, terminated, truncated, info
 
     def _asks_for(self, before: JointState, after: JointState, time: float) -> Array:
-        limits = self._robot.limits
-        if self._control == "jerk":
-            action = (after.acceleration - before.acceleration) / (time * limits.jerk)
-        elif self._control == "velocity":
-            action = after.velocity / (self._share * limits.velocity)
-        else:
-            low, high = limits.position.T
-            action = (2.0 * after.position - high - low) / (high - low)
-        return np.clip(action, -1.0, 1.0)
+        if self._commands is not None:
+            return self._commands.met_by(after)
+        jerk = (after.acceleration - before.acceleration) / time
+        return np.clip(jerk / self._robot.limits.jerk, -1.0, 1.0)
