@@ -10,14 +10,15 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import jssa_gym
-from jssa_gym.control import Phase
+from jssa_gym.control import Commands, Phase
+from jssa_gym.control.commands import MODES, TIP_SPEED
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.tasks import Home, Reach, Track
 from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.humans import ApproachRetreat
 from jssa_gym.policies import POLICIES, JPCPolicy
 from jssa_gym.safety.postures import tool_point
-from jssa_gym.types import Status
+from jssa_gym.types import JointState, Status
 from jssa_gym.validation import real_array
 
 
@@ -307,7 +308,7 @@ def test_after_the_person_has_left_the_task_is_finished_many_times():
 
 
 class TestJPCAction:
-    @pytest.mark.parametrize("mode", ["position", "velocity"])
+    @pytest.mark.parametrize("mode", MODES)
     @pytest.mark.parametrize("name", ["Reach-v0", "ReachShielded-v0"])
     def test_gymnasium_finds_nothing_to_complain_about(self, mode, name):
         with warnings.catch_warnings():
@@ -333,6 +334,28 @@ class TestJPCAction:
         _, states = drive(env, lambda _: action, 120)
         np.testing.assert_allclose(states[-1, 1], 0.25 * action * robot.limits.velocity, rtol=0.02, atol=1e-3)
 
+    def test_the_tool_moves_as_commanded(self, robot):
+        """Against MuJoCo-free differences of the tool's position, where the arm is far from singular."""
+        env = jssa_gym.JPCAction(gym.make("jssa_gym/Home-v0", human="none", terminate_on=()), mode="tip", share=1.0)
+        for action in np.vstack([np.eye(3), -np.eye(3)]) * 0.3:
+            _, states = drive(env, lambda _, action=action: action.astype(np.float32), 60)
+            tips = np.array([tool_point(robot, state[0]) for state in states[-20:]])
+            np.testing.assert_allclose(np.diff(tips, axis=0).mean(axis=0) / 0.008, action * TIP_SPEED, atol=0.02)
+
+    @pytest.mark.parametrize("mode", MODES)
+    def test_a_state_that_meets_a_command_is_told_as_that_command(self, robot, mode):
+        env = jssa_gym.JPCAction(gym.make("jssa_gym/Home-v0", human="none", terminate_on=()), mode=mode, share=1.0)
+        home = Commands(robot.limits, "position").met_by(JointState(np.array(robot.home), *np.zeros((2, robot.n))))
+        action = (home if mode == "position" else np.full(env.action_space.shape, 0.1)).astype(np.float32)
+        _, states = drive(env, lambda _: action, 90)
+        met = Commands(robot.limits, mode, 1.0, robot).met_by(JointState(*states[-1]))
+        assert met.shape == env.action_space.shape
+        np.testing.assert_allclose(met, action, atol=0.02)
+
+    def test_tools_need_a_robot(self, robot):
+        with pytest.raises(ParameterError, match="robot"):
+            Commands(robot.limits, "tip")
+
     def test_a_shield_filters_what_it_makes(self):
         base = gym.make("jssa_gym/Home-v0", human="pursuit", terminate_on=())
         env = jssa_gym.JPCAction(jssa_gym.JSSAShield(base), mode="velocity", share=1.0)
@@ -346,6 +369,10 @@ class TestJPCAction:
         env = jssa_gym.JPCAction(jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", human="none")))
         env.reset(seed=0)
         *_, info = env.step(np.full(6, np.inf))
+        assert info["shield/status"] == Status.FAULT
+        env = jssa_gym.JPCAction(jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", human="none")), mode="tip")
+        env.reset(seed=0)
+        *_, info = env.step(np.full(3, np.nan))
         assert info["shield/status"] == Status.FAULT
         bare = jssa_gym.JPCAction(gym.make("jssa_gym/Home-v0", human="none"))
         bare.reset(seed=0)

@@ -19,6 +19,7 @@ import jssa_gym
 from jssa_gym.cli.demo import Demo
 from jssa_gym.cli.evaluate import Evaluate
 from jssa_gym.cli.replay import Replay
+from jssa_gym.control.commands import MODES
 from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.evaluation.ledger import trace_name
 from jssa_gym.evaluation.plans import Study
@@ -148,10 +149,10 @@ class TestNetwork:
 
 
 class TestLearnedPolicy:
-    @pytest.mark.parametrize("mode", ["position", "velocity"])
+    @pytest.mark.parametrize("mode", MODES)
     def test_a_command_becomes_the_jerk_that_the_wrapper_of_training_makes_of_it(self, reach, mode):
-        bare = learned(reach, control="jerk")
-        policy = learned(reach, control=mode, share=0.7)
+        net = network(np.random.default_rng(0), reach.observation_space.shape[0], outputs=3 if mode == "tip" else N)
+        bare, policy = net, learned(reach, net=net, control=mode, share=0.7)
         env = jssa_gym.JPCAction(ArmEnv("reach", terminate_on=()), mode=mode, share=0.7)
         rng, largest = np.random.default_rng(1), 0.0
         observation, _ = env.reset(seed=3)
@@ -160,8 +161,16 @@ class TestLearnedPolicy:
             # the observation is of float32
             np.testing.assert_allclose(policy(observation), jerk, rtol=0, atol=3e-5)
             largest = max(largest, np.abs(jerk).max())
-            observation, *_ = env.step(np.clip(bare(observation) + 0.3 * rng.normal(size=N), -1.0, 1.0))
+            observation, *_ = env.step(np.clip(bare(observation) + 0.3 * rng.normal(size=net.outputs), -1.0, 1.0))
         assert largest > 0.5
+
+    def test_a_policy_of_the_tool_knows_the_package_s_arms_alone(self, reach, toy_mjcf):
+        """A file must not have another file read."""
+        net = network(np.random.default_rng(0), 40, outputs=3)
+        assert learned(reach, net=net, control="tip")(np.zeros(40)).shape == (N,)
+        for robot in (str(toy_mjcf), "nobody's"):
+            with pytest.raises(ParameterError, match="lr_mate_200id_7l"):
+                learned(reach, net=net, control="tip", robot=robot)
 
     def test_jerk_is_the_networks_answer(self, reach):
         policy = learned(reach, control="jerk")
@@ -224,8 +233,10 @@ class TestLearnedPolicy:
 
     def test_a_network_of_another_size_is_refused(self, reach):
         rng = np.random.default_rng(0)
-        with pytest.raises(ParameterError, match="5 numbers for 6 joints"):
+        with pytest.raises(ParameterError, match="5 numbers, control 'velocity' of 6 joints has 6"):
             learned(reach, net=network(rng, 40, outputs=5))
+        with pytest.raises(ParameterError, match="6 numbers, control 'tip' of 6 joints has 3"):
+            learned(reach, net=network(rng, 40), control="tip")
         with pytest.raises(ParameterError, match="too few for the state of 6 joints"):
             learned(reach, net=network(rng, 17))
 

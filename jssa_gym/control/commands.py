@@ -99,7 +99,7 @@ class JPCAction(gym.ActionWrapper[Any, NDArray[np.float32], Any], gym.utils.Reco
                                                                  :class:`~jssa_gym.control.ResolvedRates`
     ============  =============================================  ======================================
 
-    Commands outside [-1, 1] are clipped. An action that is not finite is passed on as it is: a shield brakes, an
+    Commands outside [-1, 1] are clipped. One that is not finite is passed on as a jerk of NaN: a shield brakes, an
     environment without one refuses it. Positions stay within their limits by themselves; velocities, of joints or tool,
     lead beyond the ends of the range unless a shield prevents it.
 
@@ -126,5 +126,5 @@ class JPCAction(gym.ActionWrapper[Any, NDArray[np.float32], Any], gym.utils.Reco
         """The jerk towards a command, as a share of the jerk bounds, shape (n,)."""
         command = checked_action(action, self._commands.size)
         if not np.all(np.isfinite(command)):
-            return command
+            return np.full(len(self._commands.limits.jerk), np.nan)
         return self._commands.jerk(self.env.get_wrapper_attr("scene").robot, np.clip(command, -1.0, 1.0))
