@@ -1,0 +1,120 @@
+"""Tables of a comparison for the docs: cell by cell, and where one filter is not the best.
+
+    jssa-gym compare --tasks ... --filters ... --out board
+    python benchmarks/leaderboard.py board
+
+The first filter, or those of --ours, are compared with every other one in every cell (task, people, policy) on the same
+seeds: "behind" means that the 95 % interval of the paired difference excludes 0 to its disadvantage. Forty cells and
+thirteen rivals make some by chance. Success without contact is success in an episode in which nobody was touched, not by
+an arm at rest either. --rivals names those that count; by default all.
+"""
+
+import argparse
+import csv
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jssa_gym.evaluation.statistics import Rate, paired_difference
+
+Cell = tuple[str, str, str]
+Episodes = dict[Cell, dict[str, dict[int, dict[str, bool]]]]
+"""By cell, filter and seed."""
+
+ASKED = {"moving contact": -1, "success without contact": 1}
+"""What is compared; whether more is better."""
+
+
+def read(folder: Path) -> Episodes:
+    """The episodes of a comparison's folder."""
+    found: Episodes = defaultdict(lambda: defaultdict(dict))
+    with (folder / "episodes.csv").open(newline="") as file:
+        for row in csv.DictReader(file):
+            contact, success, moving = (row[x] in ("True", "1") for x in ("collision", "success", "moving_contact"))
+            found[row["task"], row["human"], row["policy"]][row["filter"]][int(row["seed"])] = {
+                "contact": contact,
+                "moving contact": moving,
+                "success": success,
+                "success without contact": success and not contact,
+                "limit violation": float(row["limit_violation_rate"]) > 0.0,
+            }
+    return found
+
+
+def rate(episodes: Sequence[dict[str, bool]], name: str) -> Rate:
+    """How often something happened."""
+    return Rate.of(sum(episode[name] for episode in episodes), len(episodes))
+
+
+def behind(cell: dict[str, dict[int, dict[str, bool]]], ours: str, rival: str, name: str) -> float | None:
+    """By how much a rival does better on the seeds that both have; None where the interval has 0 in it."""
+    seeds = sorted(cell[ours].keys() & cell[rival].keys())
+    if not seeds:
+        return None
+    difference = paired_difference(
+        np.array([cell[rival][seed][name] for seed in seeds], float),
+        np.array([cell[ours][seed][name] for seed in seeds], float),
+    )
+    low, high = sorted((ASKED[name] * difference.low, ASKED[name] * difference.high))
+    return abs(difference.value) if low > 0.0 and high > 0.0 else None
+
+
+def overview(found: Episodes, filters: Sequence[str]) -> None:
+    """One line a filter, over everything."""
+    print("| filter | episodes | moving contact | any contact | limit exceeded | success without contact |")
+    print("|---|---|---|---|---|---|")
+    for name in filters:
+        episodes = [one for cell in found.values() for one in cell[name].values()]
+        told = [rate(episodes, x) for x in ("moving contact", "contact", "limit violation", "success without contact")]
+        print(f"| `{name}` | {len(episodes):,} | {' | '.join(map(str, told))} |")
+
+
+def by_cell(found: Episodes, filters: Sequence[str], name: str, policy: str) -> None:
+    """One line a task and kind of people, one column a filter: per cent."""
+    print(f"\n{name}, policy `{policy}`, per cent\n\n| task, people | {' | '.join(f'`{f}`' for f in filters)} |")
+    print("|---|" + "---|" * len(filters))
+    for (task, human, who), cell in found.items():
+        if who == policy:
+            shares = (
+                f"{100.0 * float(np.mean([e[name] for e in cell[f].values()])):.0f}" if cell[f] else "" for f in filters
+            )
+            print(f"| {task}, `{human}` | {' | '.join(shares)} |")
+
+
+def verdicts(found: Episodes, ours: str, rivals: Sequence[str], policies: Sequence[str]) -> None:
+    """Cells in which somebody is better than ours."""
+    for name, who in (("moving contact", None), ("success without contact", policies)):
+        cells = {key: cell for key, cell in found.items() if who is None or key[2] in who}
+        worse = {
+            key: found_behind
+            for key, cell in cells.items()
+            if (found_behind := {r: x for r in rivals if (x := behind(cell, ours, r, name)) is not None})
+        }
+        print(f"\n`{ours}` on {name}: first or tied in {len(cells) - len(worse)} of {len(cells)} cells")
+        for key, others in worse.items():
+            told = ", ".join(f"`{rival}` by {100 * x:.0f}" for rival, x in sorted(others.items(), key=lambda t: -t[1]))
+            print(f"- {', '.join(key)}: behind {told} (per cent)")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--ours", nargs="*", help="filters that are compared with the others; the first by default")
+    parser.add_argument("--rivals", nargs="*", help="filters that count as others; all by default")
+    parser.add_argument("--purposeful", nargs="*", default=["jpc"], help="policies that want to succeed")
+    args = parser.parse_args()
+    found = read(args.folder)
+    filters = list(dict.fromkeys(name for cell in found.values() for name in cell))
+    overview(found, filters)
+    for policy in dict.fromkeys(key[2] for key in found):
+        by_cell(found, filters, "success without contact", policy)
+        by_cell(found, filters, "moving contact", policy)
+    for ours in args.ours or filters[:1]:
+        rivals = [name for name in (args.rivals or filters) if name != ours]
+        verdicts(found, ours, rivals, args.purposeful)
+
+
+if __name__ == "__main__":
+    main()
