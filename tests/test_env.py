@@ -450,7 +450,7 @@ def test_a_bad_action_is_refused_before_anything_moves(action):
 def test_reward_is_the_sum_of_its_terms():
     env = ArmEnv("reach", human=still(), terminate_on=())
     env.reset(seed=0)
-    names = {"reward/reach", "reward/success", "reward/effort", "reward/closeness", "reward/contact"}
+    names = {"reward/reach", "reward/near", "reward/success", "reward/effort", "reward/closeness", "reward/contact"}
     seen = set()
     for action in WIGGLE * np.array([1.0, 0.8, -0.5, 0.3, 0.6, -1.0]):
         _, reward, _, _, info = env.step(action)
@@ -461,6 +461,7 @@ def test_reward_is_the_sum_of_its_terms():
         assert reward == pytest.approx(sum(terms.values()), abs=1e-12)
         tip = tip_of(env.scene.robot.position)
         assert terms["reward/reach"] == pytest.approx(-np.linalg.norm(env.goal - tip), abs=1e-9)
+        assert terms["reward/near"] == pytest.approx(-np.tanh(10.0 * np.linalg.norm(env.goal - tip)), abs=1e-8)
         assert terms["reward/effort"] == pytest.approx(-0.01 * np.mean(action**2), abs=1e-12)
         assert terms["reward/closeness"] == (-0.5 if info["distance"] < 0.05 else 0.0)
         assert terms["reward/contact"] == (-5.0 if info["contact_speed"] > 1e-3 else 0.0)

@@ -244,7 +244,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         action = moment.action
         effort = float(action.dot(action)) / len(action)
         common = (effort, info["cost"], 1.0 if moment.moving_contact else 0.0)
-        own = (value,) if len(self.task.terms) == 1 else (value, float(success))
+        own = self.task.rewarded(value, success)
         total = 0.0
         for (key, weight), x in zip(self._terms, own + common):  # noqa: B905  # hot path, same length by construction
             info[key] = term = weight * x

@@ -97,7 +97,11 @@ class Task(ABC):
 
     @abstractmethod
     def value(self, goal: Array, moment: Moment) -> float:
-        """Value of the task's own term."""
+        """What the task's terms and :meth:`reached` are made of."""
+
+    def rewarded(self, value: float, success: bool) -> tuple[float, ...]:
+        """Values of :attr:`terms`, in their order; ``value`` is what :meth:`value` says."""
+        return (value,) if len(self.terms) == 1 else (value, float(success))
 
     @abstractmethod
     def reached(self, value: float, moment: Moment) -> bool:

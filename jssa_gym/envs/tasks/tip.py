@@ -15,6 +15,9 @@ from jssa_gym.safety.postures import clearances, tool_point
 from jssa_gym.types import Array, CapsuleSet, Planes
 from jssa_gym.validation import positive_number, real_array
 
+NEAR = 0.1
+"""Distance [m] at which the reward begins to tell centimetres apart; far away its distance term alone does."""
+
 HAND = "right_arm"
 """Body part whose end is the hand that takes what the arm brings."""
 
@@ -43,6 +46,9 @@ class TipTask(Task):
     def value(self, goal: Array, moment: Moment) -> float:
         return math.dist(goal, moment.tip)
 
+    def rewarded(self, value: float, success: bool) -> tuple[float, ...]:
+        return value, math.tanh(value / NEAR), float(success)
+
     def reached(self, value: float, moment: Moment) -> bool:
         return moment.tip_speed < self.speed and value <= self.tolerance
 
@@ -58,6 +64,7 @@ class Reach(TipTask):
     )
     terms: ClassVar[tuple[RewardTerm, ...]] = (
         RewardTerm("reach", -1.0, "distance of the tool centre point from the target [m]"),
+        RewardTerm("near", -1.0, "tanh(that distance / 0.1 m)"),
         RewardTerm("success", 10.0, "1 on success, else 0"),
     )
 
@@ -101,6 +108,7 @@ class Handover(TipTask):
     )
     terms: ClassVar[tuple[RewardTerm, ...]] = (
         RewardTerm("handover", -1.0, "distance of the tool centre point from the handover point [m]"),
+        RewardTerm("near", -1.0, "tanh(that distance / 0.1 m)"),
         RewardTerm("success", 10.0, "1 on success, else 0"),
     )
     evolves: ClassVar[bool] = True
