@@ -6,29 +6,23 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import stable_baselines3 as sb3
+import torch
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 
 from jssa_gym.exceptions import MissingExtraError, ParameterError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network
-from jssa_gym.train.config import TrainConfig
+from jssa_gym.train.config import INSTALL, TrainConfig
 from jssa_gym.train.environment import makers
 from jssa_gym.train.settings import PPO, TD3, OffPolicy
 from jssa_gym.train.wrappers import EXECUTED
-
-INSTALL = "pip install 'jssa-gym[train]'"
-
-try:
-    import stable_baselines3 as sb3
-    import torch
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.buffers import ReplayBuffer
-    from stable_baselines3.common.monitor import Monitor
-    from stable_baselines3.common.noise import NormalActionNoise
-    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
-except ImportError as error:
-    raise MissingExtraError(f"training needs the extra 'train': {INSTALL}") from error
 
 _CLIP = 10.0
 """Normalised observations are clipped to this."""
@@ -73,8 +67,16 @@ def build(config: TrainConfig, device: str = "cpu") -> BaseAlgorithm:
     Raises:
         MissingExtraError: The algorithm's package is not installed.
     """
-    settings = config.settings
     env = make_vec_env(config)
+    try:
+        return _model(config, env, device)
+    except BaseException:
+        env.close()
+        raise
+
+
+def _model(config: TrainConfig, env: VecEnv, device: str) -> BaseAlgorithm:
+    settings = config.settings
     on_policy = isinstance(settings, PPO)
     if config.normalise:
         env = VecNormalize(env, norm_obs=True, norm_reward=on_policy, gamma=settings.gamma, clip_obs=_CLIP)
@@ -88,8 +90,6 @@ def build(config: TrainConfig, device: str = "cpu") -> BaseAlgorithm:
     }
     shape: dict[str, Any] = {"net_arch": [settings.width] * settings.layers}
     if isinstance(settings, PPO):
-        if settings.rollout % config.envs:
-            raise ParameterError(f"rollout has to be a multiple of {config.envs} environments, got {settings.rollout}")
         model = sb3.PPO(
             "MlpPolicy",
             env,
