@@ -15,6 +15,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from jssa_gym.exceptions import MissingExtraError, ParameterError
 from jssa_gym.policies.learned import LearnedPolicy
@@ -49,8 +50,16 @@ def make_vec_env(config: TrainConfig) -> VecEnv:
     """The environments, stepped together; a vector environment of the package's own would take its place here."""
     functions: list[Callable[[], gym.Env]] = [partial(_monitored, make) for make in makers(config)]
     if config.processes:
-        return SubprocVecEnv(functions, start_method="spawn")
+        return _Processes(functions, start_method="spawn")
     return DummyVecEnv(functions)
+
+
+class _Processes(SubprocVecEnv):
+    """Environments in processes of their own, which give what they would in one."""
+
+    def step_wait(self) -> VecEnvStepReturn:
+        observations, rewards, dones, infos = super().step_wait()
+        return observations, rewards.astype(np.float32), dones, infos  # as DummyVecEnv has it
 
 
 def _monitored(make: Callable[[], gym.Env]) -> gym.Env:

@@ -129,7 +129,7 @@ def train(
 def _logger(folder: Path) -> Logger:
     try:
         return configure(str(folder), ["tensorboard"])
-    except ImportError as error:
+    except (ImportError, AssertionError) as error:  # the latter is what Stable-Baselines3 says without it
         raise MissingExtraError(f"training needs the extra 'train' ({error}): {INSTALL}") from error
     except OSError as error:
         raise CheckpointError(f"cannot write to {folder}: {error.strerror or error}") from error

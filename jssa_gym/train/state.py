@@ -115,8 +115,9 @@ def load_statistics(model: BaseAlgorithm, path: Path) -> None:
             for moment in _MOMENTS
         },
     )
-    if not all(np.all(np.isfinite(array)) for array in arrays.values()):
-        raise CheckpointError(f"{path} does not hold this training's statistics: they are not finite")
+    for name, array in arrays.items():
+        if not np.all(np.isfinite(array)) or (not name.endswith("_mean") and np.any(array < 0.0)):
+            raise CheckpointError(f"{path} does not hold this training's statistics: {name} is out of range")
     for kind, rms in running.items():
         rms.mean, rms.var, rms.count = (arrays[f"{kind}_{moment}"] for moment in _MOMENTS)
         rms.count = float(rms.count)
