@@ -412,3 +412,23 @@ def test_the_best_policy_is_the_one_with_the_best_evaluation(tmp_path):
     last = load_policy(tmp_path / "last.npz")
     assert last.provenance["steps"] == 256
     assert weights(tmp_path / "last.npz").keys() == weights(tmp_path / "best.npz").keys()
+
+
+def test_ppo_learns_to_reach_beside_a_person_and_never_touches_anybody_in_motion(tmp_path):
+    config = TrainConfig(
+        human="walk_by",
+        settings=PPO(width=64, rollout=512, batch_size=128, learning_rate=2e-3, decay=False, gamma=0.95),
+        control="position",
+        share=1.0,
+        steps=6144,
+        interval=3072,
+        envs=8,
+        eval_episodes=6,
+    )
+    model = build(config)
+    untrained = evaluate(partial(control_env, config), to_policy(model, config), 6, EVALUATION_SEED)
+    model.get_env().close()
+    history = train(config, tmp_path).history
+    assert max(leg.eval_return for leg in history) > untrained.means["ep_return"].value + 60.0
+    assert sum(leg.episodes for leg in history) >= 48
+    assert all(leg.moving_contacts == leg.eval_moving_contacts == leg.limit_violations == 0 for leg in history)

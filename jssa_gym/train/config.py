@@ -9,6 +9,7 @@ from jssa_gym.envs.tasks import TASKS
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS
 from jssa_gym.train.settings import ALGORITHMS, PPO, OffPolicy, Settings
+from jssa_gym.train.wrappers import LEAST_SHARE
 from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false, whole_number
 
 LearnFrom = Literal["policy", "executed", "penalty", "both"]
@@ -79,9 +80,7 @@ class TrainConfig:
         object.__setattr__(self, "seed", whole_number("seed", self.seed))
         if self.seed > LARGEST_SEED:
             raise ParameterError(f"seed has to be at most {LARGEST_SEED}, got {self.seed}")
-        object.__setattr__(self, "share", number_within("share", self.share, 0.0, 1.0))
-        if self.share == 0.0:
-            raise ParameterError("share has to be in (0, 1], got 0")
+        object.__setattr__(self, "share", number_within("share", self.share, LEAST_SHARE, 1.0))
         object.__setattr__(self, "penalty", number_within("penalty", self.penalty, 0.0))
         if not isinstance(self.settings, Settings):
             raise ParameterError(f"settings have to be one of {', '.join(ALGORITHMS)}, got {self.settings!r}")

@@ -10,12 +10,14 @@ from jssa_gym.exceptions import InterfaceError
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import known_name, number_within
-from jssa_gym.validation import share as checked_share
 
 EXECUTED = "executed_action"
 """Key of ``info`` with the action that was executed, shape (n,)."""
 
 _CORRECTION = "shield/correction"
+
+LEAST_SHARE = 1e-3
+"""Of the limits; with less an arm stands still."""
 
 
 def _change(info: dict[str, Any]) -> float:
@@ -108,7 +110,7 @@ class ExecutedAction(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, control=control, share=share)
         gym.Wrapper.__init__(self, env)
         self._control = known_name("control", control, ("jerk", "velocity", "position"))
-        self._share = checked_share("share", share)
+        self._share = number_within("share", share, LEAST_SHARE, 1.0)
         self._robot: RobotModel = env.get_wrapper_attr("robot")
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
