@@ -12,6 +12,7 @@ from test_cli import cli, one_line
 from test_train_config import WITHOUT
 
 from jssa_gym import plots
+from jssa_gym.cli import main
 from jssa_gym.cli.train import Train
 from jssa_gym.exceptions import MissingExtraError, ParameterError
 from jssa_gym.policies import load_policy
@@ -48,9 +49,15 @@ def test_help_is_there_without_torch():
         (("--share", "0"), "share has to be a number in"),
     ],
 )
-def test_bad_input_is_one_line(arguments, says, tmp_path):
-    run = cli("train", "--out", tmp_path / "out", *arguments)
-    assert says in one_line(run)
+def test_bad_input_is_one_line(arguments, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["jssa-gym", "train", "--out", str(tmp_path / "out"), *arguments])
+    with pytest.raises(SystemExit) as end:
+        main()
+    told = capsys.readouterr()
+    assert (end.value.code, told.out) == (2, "")
+    (line,) = told.err.splitlines()
+    assert line.startswith("jssa-gym: ")
+    assert says in line
     assert not (tmp_path / "out").exists()
 
 

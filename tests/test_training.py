@@ -23,7 +23,7 @@ from jssa_gym.evaluation.runner import evaluate
 from jssa_gym.exceptions import CheckpointError, MissingExtraError
 from jssa_gym.policies import load_policy
 from jssa_gym.shields import Shield
-from jssa_gym.train import TrainConfig, build, control_env, loop, to_policy, train, training_env
+from jssa_gym.train import PPO, TrainConfig, build, control_env, loop, to_policy, train, training_env
 from jssa_gym.train.config import EVALUATION_SEED
 from jssa_gym.train.history import Tally, as_rows, from_rows
 
@@ -142,7 +142,7 @@ def test_the_learning_rate_falls_over_the_whole_training_not_in_every_leg(tmp_pa
 CHILD = """
 import json, sys, time, torch
 torch.set_num_threads(1)
-from jssa_gym.train import TrainConfig, checkpoint, train
+from jssa_gym.train import PPO, TrainConfig, checkpoint, train
 config, folder, slow = TrainConfig.of(json.loads(sys.argv[1])), sys.argv[2], float(sys.argv[3])
 real = checkpoint._to_disk
 def to_disk(path):
