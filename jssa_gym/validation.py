@@ -92,6 +92,17 @@ def number_within(name: str, value: Any, low: float, high: float = math.inf) -> 
     return float(value)
 
 
+def true_or_false(name: str, value: Any) -> bool:
+    """A truth value, not what counts as one.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise ParameterError(f"{name} has to be True or False, got {value!r}")
+    return bool(value)
+
+
 def positive_integer(name: str, value: Any) -> int:
     """An integer of at least 1.
 

@@ -22,6 +22,13 @@ from jssa_gym.train.config import EVALUATION_SEED, Control, LearnFrom, TrainConf
 from jssa_gym.train.environment import control_env
 from jssa_gym.train.history import Leg, as_rows
 from jssa_gym.train.settings import Algorithm
+from jssa_gym.validation import positive_integer
+
+_AS_TUNED = (
+    *("human", "control", "share", "ticks", "learn_from", "penalty", "observe_intervention"),
+    *("steps", "envs", "interval", "eval_episodes"),
+)
+"""Options without which the tuned training's value stays."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +47,7 @@ class Train:
     out: Path = Path("training")
     """Folder for everything; a training that is there already is continued."""
     human: str | None = None
-    """People by name; None for the task's own."""
+    """People by name; None: as tuned, else the task's own."""
     shield: bool = True
     """Whether the learner acts through the shield of the task's shielded id."""
     control: Control | None = None
@@ -49,12 +56,13 @@ class Train:
     """Share of the velocity and acceleration limits that commands may use; None: as tuned."""
     ticks: int | None = None
     """Control steps for which an action is repeated; None: as tuned."""
-    learn_from: LearnFrom = "policy"
-    """What the learner is told of the shield: nothing, the executed action (sac, td3, tqc), a penalty, or both."""
-    penalty: float = 0.1
-    """Weight of the penalty."""
-    observe_intervention: bool = False
-    """Whether the shield's last change is part of the observation."""
+    learn_from: LearnFrom | None = None
+    """What the learner is told of the shield: nothing (policy), the executed action (sac, td3, tqc), a penalty, both;
+    None: as tuned."""
+    penalty: float | None = None
+    """Weight of the penalty; None: as tuned."""
+    observe_intervention: bool | None = None
+    """Whether the shield's last change is part of the observation; None: as tuned."""
     steps: int | None = None
     """Policy steps; None: as tuned."""
     seed: int = 0
@@ -65,8 +73,8 @@ class Train:
     """Whether every environment has a process of its own."""
     interval: int | None = None
     """Policy steps between checkpoints; None: as tuned."""
-    eval_episodes: int = 20
-    """Episodes of the evaluation at every checkpoint."""
+    eval_episodes: int | None = None
+    """Episodes of the evaluation at every checkpoint; None: as tuned."""
     set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")] = field(default=())
     """Hyper-parameters of the algorithm, such as learning_rate=0.001 width=128."""
     threads: int = 1
@@ -83,11 +91,7 @@ class Train:
             ParameterError: Something is unknown or out of range.
         """
         tuned = preset(self.task, self.algorithm)
-        given = {
-            name: value
-            for name in ("control", "share", "ticks", "steps", "envs", "interval")
-            if (value := getattr(self, name)) is not None
-        }
+        given = {name: value for name in _AS_TUNED if (value := getattr(self, name)) is not None}
         changes: dict[str, str] = {}
         for change in self.set:
             name, equals, value = change.partition("=")
@@ -97,23 +101,21 @@ class Train:
         return replace(
             tuned,
             settings=tuned.settings.changed(changes),
-            human=self.human,
             shield=self.shield,
-            learn_from=self.learn_from,
-            penalty=self.penalty,
-            observe_intervention=self.observe_intervention,
             seed=self.seed,
             processes=self.processes,
-            eval_episodes=self.eval_episodes,
             **given,
         )
 
     def run(self) -> None:
         """Train, print, film."""
         config = self.config()
-        import torch
+        positive_integer("threads", self.threads)
+        if self.video:
+            plots.require(film=True)  # better now than after hours
+        from jssa_gym.train import train  # torch: not for --help; says what is missing
 
-        from jssa_gym.train.loop import train  # torch: not for --help
+        import torch  # isort: skip
 
         torch.set_num_threads(self.threads)
         writable_folder(self.out)
@@ -146,7 +148,7 @@ class Train:
     def _film(self, policy: LearnedPolicy, config: TrainConfig) -> None:
         """The best policy's first episode of the evaluations."""
         plots.require(film=True)
-        trace = rollout(control_env(config, ("success",), config.shield), policy, seed=EVALUATION_SEED)
+        trace = rollout(control_env(config, ("success",)), policy, seed=EVALUATION_SEED)
         frames = film([trace], make_robot(trace.robot).mounted(trace.mount), d_min=trace.d_min)
         plots.write_film(self.out / "best.mp4", frames, rate=round(1.0 / (trace.dt * EVERY)))
 

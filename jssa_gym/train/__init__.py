@@ -3,7 +3,8 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from jssa_gym.train.config import PRESETS, TrainConfig, preset
+from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.train.config import INSTALL, PRESETS, TrainConfig, preset
 from jssa_gym.train.environment import control_env, training_env
 from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, TD3, TQC, Settings
 from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
@@ -47,6 +48,9 @@ _HOMES = {
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"jssa_gym.train.{_HOMES[name]}"), name)
+    try:
+        value = getattr(importlib.import_module(f"jssa_gym.train.{_HOMES[name]}"), name)
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(f"training needs the extra 'train' ({error}): {INSTALL}") from error
     globals()[name] = value
     return value

@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,13 +15,15 @@ from jssa_gym.exceptions import CheckpointError
 
 MANIFEST = "manifest.json"
 
-LARGEST = 512 * 2**20
-"""Most bytes of a checkpoint's file."""
+LARGEST, LARGEST_MANIFEST = 512 * 2**20, 2**24
+"""Most bytes of a checkpoint's file, and of its manifest."""
 
 KEEP = 3
 """Checkpoints that are kept."""
 
 _VERSION = 1
+
+_NAME = re.compile(r"[0-9]{12}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +35,17 @@ class Checkpoint:
     """Policy steps when it was written."""
     data: Mapping[str, Any]
     """What the manifest has besides, as it was given to :func:`write_checkpoint`."""
+    files: frozenset[str]
+    """Names of its files."""
 
     def file(self, name: str) -> Path:
-        """One of its files."""
+        """One of its files.
+
+        Raises:
+            CheckpointError: It has none of that name: nobody has checked what may lie there.
+        """
+        if name not in self.files:
+            raise CheckpointError(f"{self.folder} has no {name}; it has {', '.join(sorted(self.files)) or 'nothing'}")
         return self.folder / name
 
 
@@ -58,7 +69,8 @@ def write_checkpoint(
     unfinished = folder / f"{target.name}.part"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(unfinished, ignore_errors=True)
+        for left in folder.glob("*.part"):  # by a crash
+            shutil.rmtree(left, ignore_errors=True)
         unfinished.mkdir()
         sums: dict[str, str] = {}
         for name, write in writers.items():
@@ -77,11 +89,13 @@ def write_checkpoint(
         unfinished.replace(target)
         _to_disk(folder)
     except OSError as error:
-        shutil.rmtree(unfinished, ignore_errors=True)
         raise CheckpointError(f"cannot write the checkpoint {target}: {error.strerror or error}") from error
-    for old in _all(folder)[KEEP:]:
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+    # newer ones were refused, else the training would have gone on from there: they must not displace good ones
+    for old in [one for one in _all(folder) if one.name <= target.name][KEEP:]:
         shutil.rmtree(old, ignore_errors=True)
-    return Checkpoint(target, steps, dict(data))
+    return Checkpoint(target, steps, dict(data), frozenset(sums))
 
 
 def read_checkpoint(folder: Path) -> Checkpoint:
@@ -92,8 +106,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
     """
     path = folder / MANIFEST
     try:
-        if path.stat().st_size > LARGEST:
-            raise CheckpointError(f"{path} is too large")
+        _check_file(path, LARGEST_MANIFEST)
         body = json.loads(path.read_text())
         checksum = body.pop("sha256")
         if body["version"] != _VERSION:
@@ -104,17 +117,28 @@ def read_checkpoint(folder: Path) -> Checkpoint:
             file = folder / name
             if file.parent != folder or name in ("", ".", ".."):
                 raise CheckpointError(f"{path} names a file outside its folder: {name!r}")
-            if file.stat().st_size > LARGEST:
-                raise CheckpointError(f"{file} is larger than {LARGEST:,} bytes")
+            _check_file(file, LARGEST)
             if _sha256(file) != expected:
                 raise CheckpointError(f"{file} was changed or truncated: its SHA-256 differs from the manifest's")
-        return Checkpoint(folder, int(body["steps"]), body["data"])
+        if folder.name != f"{body['steps']:012d}":
+            raise CheckpointError(f"{path} is of {body['steps']} policy steps, its folder's name says otherwise")
+        if not isinstance(body["data"], dict):
+            raise CheckpointError(f"{path} is no manifest: its data are no mapping")
+        return Checkpoint(folder, int(body["steps"]), body["data"], frozenset(body["files"]))
+    except CheckpointError:
+        raise
     except OSError as error:
         raise CheckpointError(f"cannot read the checkpoint {folder}: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        if isinstance(error, CheckpointError):
-            raise
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, MemoryError) as error:
         raise CheckpointError(f"{path} is no manifest: {error}") from error
+
+
+def _check_file(path: Path, largest: int) -> None:
+    """Whether something may be read to its end: a device or a pipe would not have one."""
+    if not path.is_file():
+        raise CheckpointError(f"{path} is missing or no file")
+    if path.stat().st_size > largest:
+        raise CheckpointError(f"{path} is larger than {largest:,} bytes")
 
 
 def latest_checkpoint(folder: Path) -> tuple[Checkpoint | None, list[CheckpointError]]:
@@ -138,9 +162,12 @@ def latest_checkpoint(folder: Path) -> tuple[Checkpoint | None, list[CheckpointE
 
 def _all(folder: Path) -> list[Path]:
     """Folders of checkpoints, the newest first; what a crash left unfinished is none."""
-    if not folder.is_dir():
+    try:
+        return sorted((path for path in folder.iterdir() if _NAME.fullmatch(path.name)), reverse=True)
+    except FileNotFoundError:
         return []
-    return sorted((path for path in folder.iterdir() if path.name.isdigit()), reverse=True)
+    except OSError as error:
+        raise CheckpointError(f"cannot read {folder}: {error.strerror}") from error
 
 
 def _digest(body: Mapping[str, Any]) -> str:

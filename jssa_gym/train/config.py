@@ -9,10 +9,16 @@ from jssa_gym.envs.tasks import TASKS
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS
 from jssa_gym.train.settings import ALGORITHMS, PPO, OffPolicy, Settings
-from jssa_gym.validation import known_name, number_within, positive_integer, share, whole_number
+from jssa_gym.train.wrappers import LEAST_SHARE
+from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false, whole_number
 
 LearnFrom = Literal["policy", "executed", "penalty", "both"]
 Control = Literal["jerk", "velocity", "position", "tip"]
+
+INSTALL = "pip install 'jssa-gym[train]'"
+
+LARGEST_SEED = 2**32 - 1
+"""Of a training; what torch and numpy take."""
 
 EVALUATION_SEED = 1_500_000_000
 """First seed of the evaluations during a training."""
@@ -67,11 +73,15 @@ class TrainConfig:
             known_name("human", self.human, HUMANS)
         known_name("control", self.control, get_args(Control))
         known_name("learn_from", self.learn_from, ("policy", "executed", "penalty", "both"))
+        for name in ("shield", "observe_intervention", "normalise", "processes"):
+            true_or_false(name, getattr(self, name))
         for name in ("ticks", "steps", "envs", "interval", "eval_episodes"):
-            positive_integer(name, getattr(self, name))
-        whole_number("seed", self.seed)
-        share("share", self.share)
-        number_within("penalty", self.penalty, 0.0)
+            object.__setattr__(self, name, positive_integer(name, getattr(self, name)))
+        object.__setattr__(self, "seed", whole_number("seed", self.seed))
+        if self.seed > LARGEST_SEED:
+            raise ParameterError(f"seed has to be at most {LARGEST_SEED}, got {self.seed}")
+        object.__setattr__(self, "share", number_within("share", self.share, LEAST_SHARE, 1.0))
+        object.__setattr__(self, "penalty", number_within("penalty", self.penalty, 0.0))
         if not isinstance(self.settings, Settings):
             raise ParameterError(f"settings have to be one of {', '.join(ALGORITHMS)}, got {self.settings!r}")
         if not self.shield and (self.learn_from != "policy" or self.observe_intervention):
@@ -81,6 +91,13 @@ class TrainConfig:
                 f"{self.settings.algorithm} needs the probability with which its policy chose an action, and it did "
                 f"not choose the executed one: learn_from={self.learn_from!r} needs an algorithm with a replay buffer, "
                 "sac, td3 or tqc"
+            )
+        if isinstance(self.settings, PPO) and (
+            self.settings.rollout % self.envs or self.settings.rollout < 2 * self.envs
+        ):
+            raise ParameterError(
+                f"rollout has to be a multiple of the {self.envs} environments, at least {2 * self.envs}, got "
+                f"{self.settings.rollout}"
             )
 
     @property
@@ -115,8 +132,13 @@ class TrainConfig:
 
     @property
     def digest(self) -> str:
-        """What tells it from trainings whose results differ; how long it goes on does not count."""
-        data = self.as_dict() if self.settings.decay else {**self.as_dict(), "steps": 0}
+        """What tells it from trainings whose results differ.
+
+        In how many processes it runs does not count, and how long it goes on only if its learning rate depends on it.
+        """
+        data = {**self.as_dict(), "processes": False}
+        if not self.settings.decay:
+            data["steps"] = 0
         return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -29,13 +29,14 @@ def control_env(config: TrainConfig, endings: tuple[str, ...] = ENDINGS, shield:
         shield: Whether there is a shield, if the training has one; an evaluation may go without.
     """
     kwargs: dict[str, Any] = {} if config.human is None else {"human": config.human}
-    env = gym.make(shielded_id(config.task, shield), terminate_on=endings, disable_env_checker=True, **kwargs)
+    guarded = shield and config.shield
+    env = gym.make(shielded_id(config.task, guarded), terminate_on=endings, disable_env_checker=True, **kwargs)
     return ObserveIntervention(env) if config.observe_intervention else env
 
 
 def training_env(config: TrainConfig) -> gym.Env:
     """The whole chain that a learner acts in, the shield inside, the action's meaning outside."""
-    env: gym.Env = RecordSafety(control_env(config, shield=config.shield))
+    env: gym.Env = RecordSafety(control_env(config))
     if config.penalises:
         env = InterventionPenalty(env, config.penalty)
     if config.control != "jerk":

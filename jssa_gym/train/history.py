@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.evaluation.report import Report
+from jssa_gym.exceptions import CheckpointError
 from jssa_gym.storage import write_whole
 
 
@@ -96,10 +97,21 @@ def as_rows(history: tuple[Leg, ...]) -> list[dict[str, Any]]:
 
 
 def from_rows(rows: list[dict[str, Any]]) -> tuple[Leg, ...]:
-    """From :func:`as_rows`."""
+    """From :func:`as_rows`.
+
+    Raises:
+        CheckpointError: They are no such rows.
+    """
     nothing = float("nan")
-    filled: list[dict[str, Any]] = [{k: nothing if x is None else x for k, x in row.items()} for row in rows]
-    return tuple(Leg(**row) for row in filled)
+    try:
+        filled: list[dict[str, Any]] = [{k: nothing if x is None else x for k, x in row.items()} for row in rows]
+        legs = tuple(Leg(**row) for row in filled)
+    except (TypeError, AttributeError) as error:
+        raise CheckpointError(f"this is no history of a training: {error}") from error
+    for row in filled:
+        if wrong := [name for name, x in row.items() if isinstance(x, bool) or not isinstance(x, int | float)]:
+            raise CheckpointError(f"this is no history of a training: {wrong[0]} is no number")
+    return legs
 
 
 def write_history(path: Path, history: tuple[Leg, ...]) -> None:

@@ -6,29 +6,24 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import stable_baselines3 as sb3
+import torch
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from jssa_gym.exceptions import MissingExtraError, ParameterError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network
-from jssa_gym.train.config import TrainConfig
+from jssa_gym.train.config import INSTALL, TrainConfig
 from jssa_gym.train.environment import makers
 from jssa_gym.train.settings import PPO, TD3, OffPolicy
 from jssa_gym.train.wrappers import EXECUTED
-
-INSTALL = "pip install 'jssa-gym[train]'"
-
-try:
-    import stable_baselines3 as sb3
-    import torch
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.buffers import ReplayBuffer
-    from stable_baselines3.common.monitor import Monitor
-    from stable_baselines3.common.noise import NormalActionNoise
-    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
-except ImportError as error:
-    raise MissingExtraError(f"training needs the extra 'train': {INSTALL}") from error
 
 _CLIP = 10.0
 """Normalised observations are clipped to this."""
@@ -55,8 +50,16 @@ def make_vec_env(config: TrainConfig) -> VecEnv:
     """The environments, stepped together; a vector environment of the package's own would take its place here."""
     functions: list[Callable[[], gym.Env]] = [partial(_monitored, make) for make in makers(config)]
     if config.processes:
-        return SubprocVecEnv(functions, start_method="spawn")
+        return _Processes(functions, start_method="spawn")
     return DummyVecEnv(functions)
+
+
+class _Processes(SubprocVecEnv):
+    """Environments in processes of their own, which give what they would in one."""
+
+    def step_wait(self) -> VecEnvStepReturn:
+        observations, rewards, dones, infos = super().step_wait()
+        return observations, rewards.astype(np.float32), dones, infos  # as DummyVecEnv has it
 
 
 def _monitored(make: Callable[[], gym.Env]) -> gym.Env:
@@ -73,8 +76,16 @@ def build(config: TrainConfig, device: str = "cpu") -> BaseAlgorithm:
     Raises:
         MissingExtraError: The algorithm's package is not installed.
     """
-    settings = config.settings
     env = make_vec_env(config)
+    try:
+        return _model(config, env, device)
+    except BaseException:
+        env.close()
+        raise
+
+
+def _model(config: TrainConfig, env: VecEnv, device: str) -> BaseAlgorithm:
+    settings = config.settings
     on_policy = isinstance(settings, PPO)
     if config.normalise:
         env = VecNormalize(env, norm_obs=True, norm_reward=on_policy, gamma=settings.gamma, clip_obs=_CLIP)
@@ -88,8 +99,6 @@ def build(config: TrainConfig, device: str = "cpu") -> BaseAlgorithm:
     }
     shape: dict[str, Any] = {"net_arch": [settings.width] * settings.layers}
     if isinstance(settings, PPO):
-        if settings.rollout % config.envs:
-            raise ParameterError(f"rollout has to be a multiple of {config.envs} environments, got {settings.rollout}")
         model = sb3.PPO(
             "MlpPolicy",
             env,

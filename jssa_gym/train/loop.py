@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import configure
+from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from jssa_gym.evaluation.runner import evaluate
-from jssa_gym.exceptions import CheckpointError
+from jssa_gym.exceptions import CheckpointError, MissingExtraError
 from jssa_gym.policies.files import read_policy, save_policy
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.train.checkpoint import Checkpoint, latest_checkpoint, write_checkpoint
-from jssa_gym.train.config import EVALUATION_SEED, TrainConfig
+from jssa_gym.train.config import EVALUATION_SEED, INSTALL, TrainConfig
 from jssa_gym.train.environment import control_env
 from jssa_gym.train.history import Leg, Tally, as_rows, from_rows, write_history
 from jssa_gym.train.learner import build, to_policy
@@ -90,6 +90,8 @@ def train(
     """
     folder, tell = Path(folder), say or (lambda line: None)
     found, refused = latest_checkpoint(folder / CHECKPOINTS)
+    if found is None and (folder / HISTORY).exists():
+        raise CheckpointError(f"{folder} has a history but no checkpoint to go on from; give another folder")
     for error in refused:
         tell(f"passed over a checkpoint: {error}")
     if found is not None and found.data.get("config") != config.digest:
@@ -98,11 +100,13 @@ def train(
         )
     model = build(config, device)
     history: tuple[Leg, ...] = ()
+    logger: Logger | None = None
     try:
         if found is not None:
             history = _restore(model, found)
             tell(f"going on from {found.steps:,} policy steps")
-        model.set_logger(configure(str(folder / LOGS), ["tensorboard"]))
+        logger = _logger(folder / LOGS)
+        model.set_logger(logger)
         counter = _Counter(watch)
         while model.num_timesteps < config.steps:
             history = _leg(model, config, folder, history, counter, command)
@@ -110,25 +114,37 @@ def train(
             tell(
                 f"{last.steps:,} steps: {last.eval_safe:.0%} success without a violation, "
                 f"{last.eval_moving_contacts} moving contacts in {config.eval_episodes} episodes; training: "
-                f"{last.success:.0%}, {last.moving_contacts} in {last.episodes}"
+                + (f"{last.success:.0%}, {last.moving_contacts} in {last.episodes}" if last.episodes else "none ended")
             )
-        if not history:
-            raise CheckpointError(f"{folder} has no leg of a training")
         best = folder / BEST
         return Training(read_policy(best if best.exists() else folder / LAST), history, folder)
     finally:
+        if logger is not None:
+            logger.close()
         env = model.get_env()
         if env is not None:
             env.close()
 
 
+def _logger(folder: Path) -> Logger:
+    try:
+        return configure(str(folder), ["tensorboard"])
+    except (ImportError, AssertionError) as error:  # the latter is what Stable-Baselines3 says without it
+        raise MissingExtraError(f"training needs the extra 'train' ({error}): {INSTALL}") from error
+    except OSError as error:
+        raise CheckpointError(f"cannot write to {folder}: {error.strerror or error}") from error
+
+
 def _restore(model: BaseAlgorithm, found: Checkpoint) -> tuple[Leg, ...]:
+    history = from_rows(found.data.get("history", []))
+    if not history or history[-1].steps != found.steps:
+        raise CheckpointError(f"{found.folder} has a history that does not end with its {found.steps:,} steps")
     model.num_timesteps = found.steps
     load_parameters(model, found.file(PARAMETERS))
     load_statistics(model, found.file(STATISTICS))
     if isinstance(model, OffPolicyAlgorithm):
         load_buffer(model, found.file(BUFFER))
-    return from_rows(found.data["history"])
+    return history
 
 
 def _leg(
@@ -155,15 +171,21 @@ def _leg(
     history = (*history, leg)
     _log(model, leg)
     policy = policy.with_provenance(_provenance(config, history, command))
-    if leg == max(reversed(history), key=lambda one: (one.eval_safe, one.eval_return)):
-        save_policy(folder / BEST, policy)
-    save_policy(folder / LAST, policy)
+    try:
+        if leg is max(reversed(history), key=lambda one: (one.eval_safe, one.eval_return)):
+            save_policy(folder / BEST, policy)
+        save_policy(folder / LAST, policy)
+    except OSError as error:
+        raise CheckpointError(f"cannot write the policy to {folder}: {error.strerror or error}") from error
     writers = {PARAMETERS: partial(save_parameters, model), STATISTICS: partial(save_statistics, model)}
     if isinstance(model, OffPolicyAlgorithm):
         writers[BUFFER] = partial(save_buffer, model)
     data = {"config": config.digest, "training": config.as_dict(), "history": as_rows(history)}
     write_checkpoint(folder / CHECKPOINTS, model.num_timesteps, data, writers)
-    write_history(folder / HISTORY, history)
+    try:
+        write_history(folder / HISTORY, history)
+    except OSError as error:
+        raise CheckpointError(f"cannot write to {folder / HISTORY}: {error.strerror or error}") from error
     return history
 
 

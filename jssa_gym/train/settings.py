@@ -4,7 +4,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar, Literal
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.validation import number_within, positive_integer, positive_number
+from jssa_gym.policies.network import MOST_LAYERS, WIDEST
+from jssa_gym.validation import number_within, positive_integer, true_or_false
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +31,14 @@ class Settings:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.type is int or field.type == "int":
-                positive_integer(field.name, value)
-            elif field.name in ("gamma", "gae_lambda", "tau", "clip_range"):
-                number_within(field.name, value, 0.0, 1.0)
-        positive_number("learning_rate", self.learning_rate)
+            if field.type is bool:
+                checked: Any = true_or_false(field.name, value)
+            elif field.type is int:
+                checked = positive_integer(field.name, value)
+                number_within(field.name, checked, *_RANGES.get(field.name, (1,)))
+            else:
+                checked = number_within(field.name, value, *_RANGES[field.name])
+            object.__setattr__(self, field.name, checked)
 
     def changed(self, changes: dict[str, str]) -> "Settings":
         """With some fields given as text, as on a command line.
@@ -42,7 +46,7 @@ class Settings:
         Raises:
             ParameterError: A name is unknown or a text is no such value.
         """
-        known = {field.name: type(getattr(self, field.name)) for field in fields(self)}
+        known: dict[str, Any] = {field.name: field.type for field in fields(self)}
         values: dict[str, Any] = {}
         for name, text in changes.items():
             if name not in known:
@@ -57,6 +61,23 @@ class Settings:
     def as_dict(self) -> dict[str, Any]:
         """As JSON can hold it."""
         return {"algorithm": self.algorithm, **asdict(self)}
+
+
+_RANGES: dict[str, tuple[float, float]] = {
+    "learning_rate": (1e-9, 1.0),
+    "batch_size": (2, 1_000_000),
+    "gamma": (0.0, 1.0),
+    "width": (1, WIDEST),
+    "layers": (1, MOST_LAYERS - 1),
+    "gae_lambda": (0.0, 1.0),
+    "clip_range": (1e-3, 1.0),
+    "ent_coef": (0.0, 10.0),
+    "log_std": (-10.0, 2.0),
+    "tau": (1e-6, 1.0),
+    "updates": (1e-3, 100.0),
+    "noise": (0.0, 10.0),
+}
+"""Least and largest value; networks not larger than a policy file takes."""
 
 
 def _truth(text: str) -> bool:

@@ -1,6 +1,9 @@
 """What a training needs to go on: networks, optimisers, statistics, replay buffer; arrays and tensors, no pickles."""
 
 import io
+import zipfile
+from collections.abc import Mapping
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from jssa_gym.exceptions import CheckpointError
+from jssa_gym.train.arrays import check_stored, read_arrays, write_arrays
 
 PARAMETERS, STATISTICS, BUFFER = "parameters.pt", "statistics.npz", "buffer.npz"
 """Files of a checkpoint."""
@@ -37,7 +41,10 @@ def load_parameters(model: BaseAlgorithm, path: Path) -> None:
         CheckpointError: It is for another network, or no such file.
     """
     try:
+        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            check_stored(archive, path.stat().st_size)
         state = torch.load(path, map_location=model.device, weights_only=True)
+        _check_parameters(model, state)
         model.set_parameters(state["parameters"], exact_match=True, device=model.device)
         with torch.no_grad():
             for name, tensor in state["tensors"].items():
@@ -46,6 +53,34 @@ def load_parameters(model: BaseAlgorithm, path: Path) -> None:
         model._episode_num = int(state["counters"]["episodes"])
     except Exception as error:  # whatever torch thinks of a file that somebody changed
         raise CheckpointError(f"{path} does not hold this training's parameters: {error}") from error
+
+
+def _check_parameters(model: BaseAlgorithm, state: dict[str, Any]) -> None:
+    """Whether everything has the names and shapes of the model's own; torch would broadcast some, and fail later."""
+    own, found = model.get_parameters(), state["parameters"]
+    tensors = {name: getattr(model, name) for name in model._get_torch_save_params()[1]}
+    _same_tensors(tensors, state["tensors"])
+    if set(found) != set(own):
+        raise ValueError(f"it holds {sorted(found)} instead of {sorted(own)}")
+    for name, part in own.items():
+        if "param_groups" not in part:
+            _same_tensors(part, found[name])
+            continue
+        if [{**g, "lr": 0.0} for g in found[name]["param_groups"]] != [{**g, "lr": 0.0} for g in part["param_groups"]]:
+            raise ValueError(f"{name} has other options")
+        weights = [x for g in attrgetter(name)(model).param_groups for x in g["params"]]
+        for k, moments in found[name]["state"].items():
+            for moment in moments.values():
+                if moment.shape not in (weights[k].shape, torch.Size([])):
+                    raise ValueError(f"{name} has moments of another shape")
+
+
+def _same_tensors(own: Mapping[str, torch.Tensor], found: Mapping[str, torch.Tensor]) -> None:
+    if set(own) != set(found):
+        raise ValueError(f"it holds {sorted(found)} instead of {sorted(own)}")
+    for name, tensor in own.items():
+        if (found[name].shape, found[name].dtype) != (tensor.shape, tensor.dtype):
+            raise ValueError(f"{name} has another shape or type")
 
 
 _MOMENTS = ("mean", "var", "count")
@@ -59,7 +94,7 @@ def save_statistics(model: BaseAlgorithm, path: Path) -> None:
         for kind in ("obs", "ret"):
             rms: Any = getattr(norm, f"{kind}_rms")
             arrays |= {f"{kind}_{moment}": np.asarray(getattr(rms, moment), np.float64) for moment in _MOMENTS}
-    np.savez(path, allow_pickle=False, **arrays)
+    write_arrays(path, arrays)
 
 
 def load_statistics(model: BaseAlgorithm, path: Path) -> None:
@@ -71,17 +106,21 @@ def load_statistics(model: BaseAlgorithm, path: Path) -> None:
     norm = model.get_vec_normalize_env()
     if norm is None:
         return
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            for kind in ("obs", "ret"):
-                rms: Any = getattr(norm, f"{kind}_rms")
-                mean = arrays[f"{kind}_mean"]
-                if mean.shape != np.shape(rms.mean):
-                    raise ValueError(f"{kind} has shape {mean.shape} instead of {np.shape(rms.mean)}")
-                rms.mean, rms.var = mean, arrays[f"{kind}_var"]
-                rms.count = float(arrays[f"{kind}_count"])
-    except (OSError, ValueError, KeyError) as error:
-        raise CheckpointError(f"{path} does not hold this training's statistics: {error}") from error
+    running = {kind: getattr(norm, f"{kind}_rms") for kind in ("obs", "ret")}
+    arrays = read_arrays(
+        path,
+        {
+            f"{kind}_{moment}": np.asarray(getattr(rms, moment), np.float64)
+            for kind, rms in running.items()
+            for moment in _MOMENTS
+        },
+    )
+    for name, array in arrays.items():
+        if not np.all(np.isfinite(array)) or (not name.endswith("_mean") and np.any(array < 0.0)):
+            raise CheckpointError(f"{path} does not hold this training's statistics: {name} is out of range")
+    for kind, rms in running.items():
+        rms.mean, rms.var, rms.count = (arrays[f"{kind}_{moment}"] for moment in _MOMENTS)
+        rms.count = float(rms.count)
 
 
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
@@ -93,7 +132,7 @@ def save_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
     assert buffer is not None
     filled = buffer.size()
     columns = {name: getattr(buffer, name)[:filled] for name in _COLUMNS}
-    np.savez(path, allow_pickle=False, **columns, cursor=np.array([buffer.pos, buffer.full], np.int64))
+    write_arrays(path, {**columns, "cursor": np.array([buffer.pos, buffer.full], np.int64)})
 
 
 def load_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
@@ -104,12 +143,13 @@ def load_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
     """
     buffer = model.replay_buffer
     assert buffer is not None
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            pos, full = (int(x) for x in arrays["cursor"])
-            filled = buffer.buffer_size if full else pos
-            for name in _COLUMNS:
-                getattr(buffer, name)[:filled] = arrays[name]
-        buffer.pos, buffer.full = pos, bool(full)
-    except (OSError, ValueError, KeyError) as error:
-        raise CheckpointError(f"{path} does not hold this training's replay buffer: {error}") from error
+    whole = {name: getattr(buffer, name) for name in _COLUMNS}
+    (cursor,) = read_arrays(path, {"cursor": np.zeros(2, np.int64)}, among=_COLUMNS).values()
+    pos, full = (int(x) for x in cursor)
+    if full not in (0, 1) or not 0 <= pos < buffer.buffer_size:
+        raise CheckpointError(f"{path} does not hold this training's replay buffer: its cursor is {pos}, {full}")
+    filled = buffer.buffer_size if full else pos
+    arrays = read_arrays(path, {name: column[:filled] for name, column in whole.items()}, among=("cursor",))
+    for name, column in whole.items():
+        column[:filled] = arrays[name]
+    buffer.pos, buffer.full = pos, bool(full)

@@ -17,6 +17,9 @@ EXECUTED = "executed_action"
 
 _CORRECTION = "shield/correction"
 
+LEAST_SHARE = 1e-3
+"""Of the limits; with less an arm stands still."""
+
 
 def _change(info: dict[str, Any]) -> float:
     """Largest change of a joint's action by the shield, at most 1; what is not finite counts as 1."""
@@ -109,7 +112,8 @@ class ExecutedAction(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.Wrapper.__init__(self, env)
         self._robot: RobotModel = env.get_wrapper_attr("robot")
         known_name("control", control, ("jerk", *MODES))
-        self._commands = None if control == "jerk" else Commands(self._robot.limits, control, share, self._robot)
+        part = number_within("share", share, LEAST_SHARE, 1.0)
+        self._commands = None if control == "jerk" else Commands(self._robot.limits, control, part, self._robot)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and say what it made of the action."""
