@@ -5,8 +5,8 @@
 
 The first filter, or those of --ours, are compared with every other one in every cell (task, people, policy) on the same
 seeds: "behind" means that the 95 % interval of the paired difference excludes 0 to its disadvantage. Forty cells and
-thirteen rivals make some by chance. Success without contact is success in an episode in which nobody was touched, not by
-an arm at rest either. --rivals names those that count; by default all.
+thirteen rivals make some by chance. Success without contact is success in an episode in which nobody was touched, by an
+arm at rest neither. --rivals names those that count; by default all.
 """
 
 import argparse
