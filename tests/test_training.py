@@ -1,5 +1,5 @@
 # ruff: noqa: E402
-"""Trainings: what they leave, what they learn, and that they are honest about safety."""
+
 
 """Trainings: what they leave, what they learn, and that they are honest about safety."""
 
