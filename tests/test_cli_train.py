@@ -122,7 +122,8 @@ def test_what_is_not_given_stays_as_tuned(monkeypatch):
     assert asked.processes
     assert asked.shield
     assert not Train(shield=False).config().shield
-    assert Train().config().settings == PPO()
+    assert Train().config() == preset("reach", "ppo")
+    assert Train(task="home").config().settings == PPO()
     with pytest.raises(ParameterError, match="name=value"):
         Train(set=("width",)).config()
 
