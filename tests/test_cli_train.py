@@ -1,6 +1,7 @@
 """``jssa-gym train``, run as users run it."""
 
 import json
+from dataclasses import replace
 import os
 import signal
 import subprocess
@@ -143,7 +144,8 @@ def test_from_one_command_to_a_policy(trained):
     assert run.returncode == 0, run.stderr
     told = json.loads(run.stdout)
     assert told == json.loads((folder / "training.json").read_text())
-    assert TrainConfig.of(told["training"]).settings == PPO(width=16, rollout=64, batch_size=32, n_epochs=2)
+    changes = {"width": 16, "rollout": 64, "batch_size": 32, "n_epochs": 2}
+    assert TrainConfig.of(told["training"]).settings == replace(preset("reach", "ppo").settings, **changes)
     assert [leg["steps"] for leg in told["history"]] == [64, 128]
     assert "128 steps: " in run.stderr
     policy = load_policy(folder / "best.npz")

@@ -24,6 +24,14 @@ def test_readme_block_runs(block: int) -> None:
     exec(compile(source, f"README block {block}", "exec"), {"__name__": "readme"})
 
 
+def test_the_trainings_in_the_docs_run() -> None:
+    pytest.importorskip("stable_baselines3")
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "training.md").read_text(), flags=re.DOTALL)
+    assert len(blocks) == 2
+    for source in blocks:  # the first one's minute of training is behind its guard; what it imports is there
+        exec(compile(source, "docs/training.md", "exec"), {"__name__": "docs"})
+
+
 @pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "examples").glob("*.py")))
 def test_example_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     short = {
