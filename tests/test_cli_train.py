@@ -1,12 +1,12 @@
 """``jssa-gym train``, run as users run it."""
 
 import json
-from dataclasses import replace
 import os
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 from test_cli import cli, one_line
