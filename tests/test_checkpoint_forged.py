@@ -200,8 +200,10 @@ def claims(shape):
     return forge
 
 
-def first(mapping):
-    return next(iter(mapping))
+def full_with_cursor(arrays, pos, full):
+    """A buffer of which every row is there; 100 are."""
+    filled = {name: np.resize(array, (100, *array.shape[1:])) for name, array in arrays.items()}
+    return {**filled, "cursor": np.array([pos, full], np.int64)}
 
 
 def transposed(state):
@@ -229,9 +231,12 @@ CHANGED = {
     "a scalar": change_arrays(BUFFER, lambda a: {**a, "actions": np.float32(1.0)}),
     "another type": change_arrays(BUFFER, lambda a: {**a, "rewards": a["rewards"].astype(np.float64)}),
     "another order": change_arrays(BUFFER, lambda a: {**a, "observations": np.asfortranarray(a["observations"])}),
-    "a cursor beyond": change_arrays(BUFFER, lambda a: {**a, "cursor": np.array([100, 1], np.int64)}),
-    "a cursor below": change_arrays(BUFFER, lambda a: {**a, "cursor": np.array([-1, 1], np.int64)}),
-    "a cursor of another kind": change_arrays(BUFFER, lambda a: {**a, "cursor": np.array([0, 2], np.int64)}),
+    "another type of the same size": change_arrays(BUFFER, lambda a: {**a, "rewards": a["rewards"].view(np.int32)}),
+    "another shape of the same size": change_arrays(BUFFER, lambda a: {**a, "rewards": a["rewards"].reshape(2, -1)}),
+    "a cursor beyond": change_arrays(BUFFER, lambda a: full_with_cursor(a, 100, 1)),
+    "a cursor below": change_arrays(BUFFER, lambda a: full_with_cursor(a, -1, 1)),
+    "a cursor from the end": change_arrays(BUFFER, lambda a: {**a, "cursor": np.array([-4, 0], np.int64)}),
+    "a cursor of another kind": change_arrays(BUFFER, lambda a: full_with_cursor(a, 0, 2)),
     "no archive": lambda one: (one / BUFFER).write_bytes(b"nothing of the kind"),
     "an empty file": lambda one: (one / STATISTICS).write_bytes(b""),
     "statistics of another shape": change_arrays(STATISTICS, lambda a: {**a, "obs_var": np.ones(1)}),
@@ -255,6 +260,14 @@ CHANGED = {
     "a tensor of another shape": change_state(lambda s: s["tensors"].update(log_ent_coef=torch.zeros(()))),
     "counters that are none": change_state(lambda s: s["counters"].update(updates="many")),
 }
+
+
+def test_a_full_buffer_with_a_cursor_in_it_is_read(folder, model):
+    one = newest(folder)
+    change_arrays(BUFFER, lambda a: full_with_cursor(a, 99, 1))(one)
+    seal(one)
+    loop._restore(model, read_checkpoint(one))
+    assert (model.replay_buffer.pos, model.replay_buffer.full, model.replay_buffer.size()) == (99, True, 100)
 
 
 @pytest.mark.filterwarnings("ignore:.*weights_only")

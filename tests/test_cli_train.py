@@ -76,7 +76,7 @@ def test_films_are_asked_for_before_the_training_not_after(tmp_path, monkeypatch
 
     monkeypatch.setattr(plots, "require", missing)
     with pytest.raises(MissingExtraError, match="films"):
-        Train(out=tmp_path / "out").run()
+        Train(out=tmp_path / "out", steps=64, envs=2, eval_episodes=1, set=("rollout=64", "batch_size=32")).run()
     assert not (tmp_path / "out").exists()
 
 
