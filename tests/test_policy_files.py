@@ -64,6 +64,11 @@ def learned(env, seed=0, *, net=None, **changes) -> LearnedPolicy:
     return LearnedPolicy(net, **{**given, **changes})
 
 
+def tool_policy(env) -> LearnedPolicy:
+    net = network(np.random.default_rng(3), env.observation_space.shape[0], outputs=3)
+    return learned(env, net=net, control="tip")
+
+
 @pytest.fixture
 def policy(reach):
     return learned(reach)
@@ -251,6 +256,33 @@ class TestLearnedPolicy:
         faster = dataclasses.replace(limits, velocity=2.0 * limits.velocity)
         with pytest.raises(ParameterError, match=r"trained with velocity limits \[.*\], the robot .* has \[.*\]"):
             learned(reach, limits=faster).check(reach)
+
+    @pytest.mark.parametrize("mode", ["position", "velocity"])
+    def test_an_environment_that_takes_commands_is_not_given_jerk(self, reach, mode):
+        wrapped = gym.wrappers.TransformReward(jssa_gym.JPCAction(reach, mode=mode), float)
+        with pytest.raises(ParameterError, match="take JPCAction off"):
+            learned(reach, control=mode).check(wrapped)
+        learned(reach, control="jerk").check(wrapped)  # its numbers may be the wrapper's commands
+
+    def test_a_policy_of_the_tool_is_for_one_geometry(self, reach):
+        policy = tool_policy(reach)
+        policy.check(reach)
+        policy.check(ArmEnv("reach", scene="floor"))
+        longer = dataclasses.replace(reach.robot, tool_offset=1.5 * reach.robot.tool_offset)
+        links = reach.robot.links.copy()
+        links[2]["offset"] *= 1.1
+        for robot in (longer, dataclasses.replace(reach.robot, links=links)):
+            other = ArmEnv("reach", robot=robot)
+            learned(reach).check(other)
+            with pytest.raises(ParameterError, match="another geometry"):
+                policy.check(other)
+
+    def test_acting_does_not_make_another_policy_of_it(self, reach):
+        policy = tool_policy(reach)
+        before = pickle.dumps(policy)
+        answer = policy(reach.reset(seed=0)[0])
+        assert pickle.dumps(policy) == before
+        np.testing.assert_array_equal(pickle.loads(before)(reach.reset(seed=0)[0]), answer)
 
     def test_it_can_be_sent_to_another_process(self, policy):
         assert same(policy, pickle.loads(pickle.dumps(policy)))
