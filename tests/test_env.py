@@ -18,7 +18,7 @@ import jssa_gym
 from jssa_gym.envs import TASKS, ArmEnv
 from jssa_gym.envs.arm import arm_features
 from jssa_gym.envs.observation import Feature, feature_table
-from jssa_gym.envs.tasks import COMMON_TERMS
+from jssa_gym.envs.tasks import COMMON_TERMS, Reach
 from jssa_gym.exceptions import DisplayError, InvalidActionError, JSSAGymError, ParameterError, RobotModelError
 from jssa_gym.humans import ApproachRetreat, HumanMotion, nobody
 from jssa_gym.robots import lr_mate_200id_7l
@@ -445,6 +445,17 @@ def test_a_bad_action_is_refused_before_anything_moves(action):
 
 
 # ---- reward -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [0, 2, 4])
+def test_a_task_rewards_as_many_values_as_it_has_terms(count):
+    class Other(Reach):
+        __slots__ = ()
+        name = "other"
+        terms = Reach.terms[:1] * count
+
+    with pytest.raises(ParameterError, match=r"'other' has the terms .*gives 3 values"):
+        ArmEnv(Other())
 
 
 def test_reward_is_the_sum_of_its_terms():

@@ -22,8 +22,9 @@ from jssa_gym.cli.replay import Replay
 from jssa_gym.control.commands import MODES
 from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.evaluation.ledger import trace_name
-from jssa_gym.evaluation.plans import Study
+from jssa_gym.evaluation.plans import Single, Study
 from jssa_gym.evaluation.runner import complete
+from jssa_gym.evaluation.stage import Stage
 from jssa_gym.exceptions import JSSAGymError, ParameterError, PolicyFileError
 from jssa_gym.policies import LearnedPolicy, Network, policy_file, read_policy, save_policy, shipped_policies
 
@@ -62,6 +63,11 @@ def learned(env, seed=0, *, net=None, **changes) -> LearnedPolicy:
         "provenance": {"seeds": [1, 2], "curve": [[0, -1.5], [1000, 0.25]], "command": "jssa-gym train"},
     }
     return LearnedPolicy(net, **{**given, **changes})
+
+
+def tool_policy(env) -> LearnedPolicy:
+    net = network(np.random.default_rng(3), env.observation_space.shape[0], outputs=3)
+    return learned(env, net=net, control="tip")
 
 
 @pytest.fixture
@@ -251,6 +257,33 @@ class TestLearnedPolicy:
         faster = dataclasses.replace(limits, velocity=2.0 * limits.velocity)
         with pytest.raises(ParameterError, match=r"trained with velocity limits \[.*\], the robot .* has \[.*\]"):
             learned(reach, limits=faster).check(reach)
+
+    @pytest.mark.parametrize("mode", ["position", "velocity"])
+    def test_an_environment_that_takes_commands_is_not_given_jerk(self, reach, mode):
+        wrapped = gym.wrappers.TransformReward(jssa_gym.JPCAction(reach, mode=mode), float)
+        with pytest.raises(ParameterError, match="take JPCAction off"):
+            learned(reach, control=mode).check(wrapped)
+        learned(reach, control="jerk").check(wrapped)  # its numbers may be the wrapper's commands
+
+    def test_a_policy_of_the_tool_is_for_one_geometry(self, reach):
+        policy = tool_policy(reach)
+        policy.check(reach)
+        policy.check(ArmEnv("reach", scene="floor"))
+        longer = dataclasses.replace(reach.robot, tool_offset=1.5 * reach.robot.tool_offset)
+        links = reach.robot.links.copy()
+        links[2]["offset"] *= 1.1
+        for robot in (longer, dataclasses.replace(reach.robot, links=links)):
+            other = ArmEnv("reach", robot=robot)
+            learned(reach).check(other)
+            with pytest.raises(ParameterError, match="another geometry"):
+                policy.check(other)
+
+    def test_acting_does_not_make_another_policy_of_it(self, reach):
+        policy = tool_policy(reach)
+        before = pickle.dumps(policy)
+        answer = policy(reach.reset(seed=0)[0])
+        assert pickle.dumps(policy) == before
+        np.testing.assert_array_equal(pickle.loads(before)(reach.reset(seed=0)[0]), answer)
 
     def test_it_can_be_sent_to_another_process(self, policy):
         assert same(policy, pickle.loads(pickle.dumps(policy)))
@@ -703,6 +736,17 @@ class TestEvaluation:
         study = Study(("reach",), ("none",), ("none",), (str(saved), "hold"))
         assert study.config()["code"] == {str(saved): sha}
 
+    def test_a_file_that_changes_on_the_way_is_noticed(self, reach, saved, tmp_path):
+        study = Study(("reach",), ("none",), ("random",), (str(saved),), steps=3)
+        single = Single("jssa_gym/Reach-v0", str(saved), steps=3)
+        stages = [Stage(plan, next(iter(plan.seeds()))) for plan in (study, single)]
+        for stage in stages:
+            stage.record(0)
+        save_policy(saved, learned(reach, seed=1))  # as a training does with its best
+        for stage in stages:
+            with pytest.raises(PolicyFileError, match="changed while it was being evaluated"):
+                stage.record(1)
+
     def test_a_policy_of_another_task_is_refused(self, saved, policy):
         for given in (str(saved), policy):
             with pytest.raises(ParameterError, match="trained with an observation of shape"):
@@ -726,10 +770,11 @@ class TestEvaluation:
             Study(("reach",), ("none",), ("none",), (str(tmp_path / "no.npz"),))
 
     def test_recordings_of_policies_with_like_paths_have_names_of_their_own(self):
-        one, two = (trace_name(("reach", "none", "", path), 0) for path in ("a/b.npz", "a_b.npz"))
-        assert one != two
+        paths = ("a/b.npz", "a_b.npz", "a b.npz", "a:b.npz")
+        told = [trace_name(("reach", "none", "", path), 0) for path in paths]
+        assert len(set(told)) == len(paths)
         assert len(trace_name(("reach", "none", "", "x" * 1000), 0)) < 150
-        assert "/" not in one
+        assert not any("/" in name for name in told)
 
     def test_the_demo_shows_a_policy_on_its_task(self, reach, saved, tmp_path):
         Demo(policy=str(saved), seconds=0.4, video=False, out=tmp_path / "demo").run()

@@ -1353,6 +1353,18 @@ def test_another_action_space_is_refused(toy_robot, space, word):
         JSSAShield(env)
 
 
+def test_what_makes_something_else_of_a_jerk_belongs_outside():
+    for wrap in (
+        lambda env: jssa_gym.JPCAction(env),
+        lambda env: jssa_gym.JPCAction(env, mode="velocity"),
+        lambda env: jssa_gym.ActionRepeat(env, 5),
+    ):
+        inside = gym.wrappers.TransformReward(wrap(gym.make("jssa_gym/Home-v0")), float)
+        with pytest.raises(InterfaceError, match=r"(JPCAction|ActionRepeat) belongs outside the shield"):
+            JSSAShield(inside)
+        wrap(JSSAShield(gym.make("jssa_gym/Home-v0")))
+
+
 # ---- the paper ----------------------------------------------------------------------------------------
 
 

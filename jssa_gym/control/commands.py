@@ -1,7 +1,7 @@
 """Agents that command positions or velocities instead of jerk."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -111,6 +111,9 @@ class JPCAction(gym.ActionWrapper[Any, NDArray[np.float32], Any], gym.utils.Reco
     Raises:
         ParameterError: ``mode`` is unknown or ``share`` out of range.
     """
+
+    outside_shield: ClassVar[bool] = True
+    """Shields refuse to go around it."""
 
     def __init__(
         self, env: gym.Env, *, mode: Literal["position", "velocity", "tip"] = "position", share: float = 0.5

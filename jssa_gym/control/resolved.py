@@ -13,7 +13,7 @@ class ResolvedRates:
     r"""The damped least squares solution :math:`J^\top(JJ^\top + \mu^2 I)^{-1}\,v` for the tool centre point.
 
     Args:
-        robot: The arm; where it stands decides about :attr:`point` alone.
+        robot: The arm; where it stands moves the point of :meth:`look` and nothing else.
         damping: :math:`\mu` [m]; near singular postures the tool moves more slowly than wanted.
 
     Raises:
@@ -24,6 +24,10 @@ class ResolvedRates:
         self._robot, self._damping = robot, positive_number("damping", damping)
         self._frames, self._motion = records(robot.n, FRAME), np.zeros((2, 3))
         self._J = np.zeros((3, robot.n))
+
+    def __reduce__(self) -> tuple[type["ResolvedRates"], tuple[RobotModel, float]]:
+        # what was looked at last is no part of it: a policy's pickle, which tells it from others, must not change
+        return ResolvedRates, (self._robot, self._damping)
 
     def look(self, state: JointState) -> tuple[Array, Array]:
         """Where the tool centre point is [m] and how it moves [m/s], each of shape (3,); copies."""

@@ -93,6 +93,9 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self.observation_space: spaces.Space = self._observation.space
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
         self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
+        if (count := len(self.task.rewarded(0.0, False))) != len(self.task.terms):
+            names = ", ".join(term.name for term in self.task.terms)
+            raise ParameterError(f"task {self.task.name!r} has the terms {names}, but rewarded() gives {count} values")
         endings = self.terminate_on
         self._evolves = self.task.evolves
         self._ends_success = "success" in endings and self.task.ends

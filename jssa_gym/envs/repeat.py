@@ -1,6 +1,6 @@
 """A policy that acts more slowly than the arm is controlled."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -27,6 +27,9 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
     Raises:
         ParameterError: ``ticks`` is not a positive integer.
     """
+
+    outside_shield: ClassVar[bool] = True
+    """Shields refuse to go around it."""
 
     def __init__(self, env: gym.Env, ticks: int) -> None:
         if not isinstance(ticks, int) or ticks < 1:

@@ -68,7 +68,7 @@ def trace_name(cell: Sequence[str], seed: int) -> str:
     """Name of the file with an episode's recording."""
     name = "-".join(part for part in cell if part)
     plain = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in name)
-    if "/" in name or len(plain) > 100:  # paths can be long, and alike but for what was replaced
+    if plain != name or len(plain) > 100:  # paths can be long, and alike but for what was replaced
         plain = f"{plain[:80]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
     return f"{plain}-{seed}.npz"
 

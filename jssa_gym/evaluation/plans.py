@@ -15,7 +15,7 @@ from jssa_gym.evaluation.campaign import SPACING, paired_seeds
 from jssa_gym.evaluation.contenders import PEOPLE
 from jssa_gym.evaluation.identity import code_digest, identity, named
 from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.exceptions import ParameterError
+from jssa_gym.exceptions import ParameterError, PolicyFileError
 from jssa_gym.policies import POLICIES, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, Shield, make_filter
@@ -140,6 +140,8 @@ class Study:
     separation: SeparationParams = field(default_factory=SeparationParams)
     trust_pickle: bool = False
     """Of policies that are files; see :func:`~jssa_gym.policies.load_policy`."""
+    code: tuple[tuple[str, str], ...] = field(init=False, repr=False)
+    """Names of policies, and digests of the files that hold or define them, when the study was made."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -154,6 +156,7 @@ class Study:
             _known_filter(name)
         for policy in self.policies:
             _factory(policy, self.trust_pickle)
+        object.__setattr__(self, "code", _codes(self.policies))
 
     def seeds(self) -> dict[Setting, list[int]]:
         """Seeds of every setting: the same for all filters, others for everything else."""
@@ -162,7 +165,7 @@ class Study:
 
     def config(self) -> dict[str, Any]:
         """All that decides about the results, as JSON can hold it."""
-        return {**asdict(self), "code": {name: code for name in self.policies if (code := _policy_code(name))}}
+        return {**asdict(self), "code": dict(_codes(self.policies))}
 
     def build(self, setting: Setting) -> gym.Env:
         """The environment of a setting."""
@@ -171,6 +174,14 @@ class Study:
     def policy(self, setting: Setting) -> Any:
         """What :func:`make_policy` takes."""
         return setting.policy
+
+    def check_policy(self, setting: Setting) -> None:
+        """Whether the file of a setting's policy is still what it was when the evaluation began.
+
+        Raises:
+            PolicyFileError: It is another one.
+        """
+        _check_unchanged(setting.policy, dict(self.code).get(setting.policy, ""))
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +206,8 @@ class Single:
     separation: SeparationParams = field(default_factory=SeparationParams)
     trust_pickle: ClassVar[bool] = False
     """Who trusts a file loads it with :func:`~jssa_gym.policies.load_policy` and hands over what that returns."""
+    code: str = field(init=False, repr=False)
+    """Digest of the file that holds or defines the policy, when the plan was made."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -214,6 +227,7 @@ class Single:
             _factory(self.policy_of)
         elif not (hasattr(self.policy_of, "predict") or callable(self.policy_of)):
             make_policy(self.policy_of, None, 0)  # ty: ignore[invalid-argument-type]  # raises
+        object.__setattr__(self, "code", _policy_code(self.policy_of))
 
     @property
     def setting(self) -> Setting:
@@ -232,10 +246,7 @@ class Single:
         return {
             "env": identity("env", self.env),
             "policy": identity("policy", self.policy_of),
-            "code": [
-                code_digest(self.env),
-                _policy_code(policy) if isinstance(policy := self.policy_of, str) else code_digest(policy),
-            ],
+            "code": [code_digest(self.env), _policy_code(self.policy_of)],
             "env_kwargs": identity("env_kwargs", dict(self.env_kwargs or {})),
             "filter": self.filter,
             "episodes": self.episodes,
@@ -260,8 +271,27 @@ class Single:
         """What :func:`make_policy` takes."""
         return self.policy_of
 
+    def check_policy(self, setting: Setting) -> None:
+        """See :meth:`Study.check_policy`."""
+        if isinstance(self.policy_of, str):
+            _check_unchanged(self.policy_of, self.code)
 
-def _policy_code(name: str) -> str:
+
+def _check_unchanged(name: str, code: str) -> None:
+    # a module was imported once and stays what it was; a file is read for every episode, and trainings replace theirs
+    if name not in POLICIES and policy_file(name) is not None and _policy_code(name) != code:
+        raise PolicyFileError(f"{name} was changed while it was being evaluated; evaluate a copy")
+
+
+def _codes(policies: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    return tuple((name, code) for name in dict.fromkeys(policies) if (code := _policy_code(name)))
+
+
+def _policy_code(policy: Any) -> str:
     """Digest of the file that holds or defines a policy; empty for this package's code."""
-    file = None if name in POLICIES else policy_file(name)
-    return code_digest(_factory(name)) if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
+    if not isinstance(policy, str):
+        return code_digest(policy)
+    file = None if policy in POLICIES else policy_file(policy)
+    if file is None:
+        return code_digest(_factory(policy))
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -83,6 +83,7 @@ class Stage:
             seen=self.env,
             trust_pickle=self.plan.trust_pickle,
         )
+        self.plan.check_policy(self.setting)  # what was read, after it was read
         name = f"{', '.join(part for part in self.setting if part)}, seed {seed}"
         return rollout(self.env, policy, seed=seed, steps=self.plan.steps, name=name)
 

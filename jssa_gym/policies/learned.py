@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from jssa_gym.control.commands import MODES, Commands
+from jssa_gym.control.commands import MODES, Commands, JPCAction
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.network import Network
 from jssa_gym.robots import ROBOTS, JointLimits, RobotModel, make_robot
@@ -144,9 +144,12 @@ class LearnedPolicy:
             env: With all wrappers that change the observation.
 
         Raises:
-            ParameterError: The robot's limits, the observation's size or the action's are others.
+            ParameterError: The robot's limits, the observation's size or the action's are others; of ``"tip"``, its
+                geometry; or the environment turns commands into jerk itself.
         """
-        limits: JointLimits = env.get_wrapper_attr("robot").limits
+        robot: RobotModel = env.get_wrapper_attr("robot")
+        limits = robot.limits
+        self._check_commands(env, robot)
         for name, wanted, found in (
             ("action", self.limits.jerk.shape, env.action_space.shape),
             ("observation", (self.network.inputs,), env.observation_space.shape),
@@ -160,9 +163,31 @@ class LearnedPolicy:
             wanted, found = getattr(self.limits, name), getattr(limits, name)
             if not np.array_equal(wanted, found):
                 raise ParameterError(
-                    f"the policy was trained with {name} limits {wanted.tolist()}, the robot "
-                    f"{env.get_wrapper_attr('robot').name} has {found.tolist()}"
+                    f"the policy was trained with {name} limits {wanted.tolist()}, the robot {robot.name} has "
+                    f"{found.tolist()}"
                 )
+
+    def _check_commands(self, env: gym.Env, robot: RobotModel) -> None:
+        """Whether the jerk that is made of commands is one for this arm, and nothing is made of it again."""
+        if self._commands is None:
+            return
+        layer = env
+        while isinstance(layer, gym.Wrapper):
+            if isinstance(layer, JPCAction):
+                raise ParameterError(
+                    f"the policy turns its {self.control} commands into jerk itself: take JPCAction off the environment"
+                )
+            layer = layer.env
+        own = self._commands.robot
+        if own is not None and not (
+            np.array_equal(own.mounted(robot.mount).links, robot.links)
+            and own.tool_link == robot.tool_link
+            and np.array_equal(own.tool_offset, robot.tool_offset)
+        ):
+            raise ParameterError(
+                f"the policy commands the tool of the package's {self.robot}, the environment's {robot.name} has "
+                "another geometry"
+            )
 
     def _checked(self, observation: Any) -> Array:
         try:

@@ -86,7 +86,7 @@ class Network:
         return len(self.layers[-1][1])
 
     def __call__(self, observation: Array) -> Array:
-        """What the network answers, float64, shape (n_act,); NaN where it overflows.
+        """What the network answers, float64, shape (n_act,); at the end of its range, or NaN, where it overflows.
 
         Args:
             observation: Shape (n_obs,).

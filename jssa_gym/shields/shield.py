@@ -39,12 +39,25 @@ def _provider(env: gym.Env, name: str) -> Any:
     return layer
 
 
+def _refuse_other_actions(env: gym.Env) -> None:
+    """Refuse wrappers under which an action is no jerk of one control step: a shield would certify something else."""
+    layer: Any = env
+    while isinstance(layer, gym.Wrapper):
+        if getattr(layer, "outside_shield", False):
+            raise InterfaceError(
+                f"{type(layer).__name__} belongs outside the shield, which filters the jerk of every control step"
+            )
+        layer = layer.env
+
+
 class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Runs every action through a safety filter.
 
     The environment, ours or not, has to offer ``robot``, ``dt`` and ``scene``, anywhere in its wrapper chain, and
-    take actions in [-1, 1]: fractions of the robot's jerk bounds. Actions that the filter leaves alone are forwarded
-    untouched, as the very object the policy gave; others as float64, since rounding to float32 can break a row.
+    take actions in [-1, 1]: fractions of the robot's jerk bounds, one a control step. A wrapper inside that makes
+    something else of them says so by ``outside_shield = True`` and is refused. Actions that the filter leaves alone are
+    forwarded untouched, as the very object the policy gave; others as float64, since rounding to float32 can break a
+    row.
 
     Keys added to ``info`` after ``step``: ``shield/status`` (int, see :class:`~jssa_gym.types.Status`),
     ``shield/reason`` (str), ``shield/intervened`` (bool), ``shield/phi`` [m²], ``shield/correction`` (largest change
@@ -57,13 +70,15 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
             environments must share; the shield's own is its attribute ``filter``.
 
     Raises:
-        InterfaceError: The environment lacks an attribute, or filter and environment differ.
+        InterfaceError: The environment lacks an attribute, has a wrapper that belongs outside, or filter and
+            environment differ.
     """
 
     def __init__(self, env: gym.Env, filter: SafetyFilter) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, filter=filter)
         gym.Wrapper.__init__(self, env)
         self._source: Any = None
+        _refuse_other_actions(env)
         robot = _provider(env, "robot").robot
         dt = float(_provider(env, "dt").dt)
         if not isinstance(robot, RobotModel):

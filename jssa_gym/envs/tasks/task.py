@@ -100,7 +100,10 @@ class Task(ABC):
         """What the task's terms and :meth:`reached` are made of."""
 
     def rewarded(self, value: float, success: bool) -> tuple[float, ...]:
-        """Values of :attr:`terms`, in their order; ``value`` is what :meth:`value` says."""
+        """Values of :attr:`terms`, in their order; ``value`` is what :meth:`value` says.
+
+        Unless overridden, ``value`` for the only term, or ``value`` and 1 on success for two.
+        """
         return (value,) if len(self.terms) == 1 else (value, float(success))
 
     @abstractmethod
