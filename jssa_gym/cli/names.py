@@ -6,7 +6,7 @@ import tyro
 
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
-from jssa_gym.evaluation.plans import STOP
+from jssa_gym.evaluation.plans import STOP, TASK_SHIELD
 from jssa_gym.policies import POLICIES
 from jssa_gym.shields import FILTERS
 
@@ -16,7 +16,11 @@ def _says(text: str, names: Iterable[str]) -> object:
 
 
 TASK = _says("Task of the environment by name", TASKS)
-FILTER = _says(f"Filter by name, with {STOP} behind it inside the viability box and the verified stop", FILTERS)
+FILTER = _says(
+    f"Filter by name, with {STOP} behind it inside the viability box and the verified stop; {TASK_SHIELD} for the "
+    "shield of the task's shielded id",
+    FILTERS,
+)
 HUMAN = _says("People by name", PEOPLE)
 POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", POLICIES)
 """Of what is evaluated."""

@@ -14,6 +14,8 @@ from rich.table import Table
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_json
 from jssa_gym.cli.film import EVERY, film
+from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.plans import TASK_SHIELD
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.learned import LearnedPolicy
@@ -92,6 +94,8 @@ class Train:
         """
         tuned = preset(self.task, self.algorithm)
         given = {name: value for name in _AS_TUNED if (value := getattr(self, name)) is not None}
+        if sum(argument.split("=")[0] == "--set" for argument in sys.argv[1:]) > 1:
+            raise ParameterError("give --set once, with all NAME=VALUE behind it: of several only the last would count")
         changes: dict[str, str] = {}
         for change in self.set:
             name, equals, value = change.partition("=")
@@ -129,7 +133,7 @@ class Train:
                 training = train(
                     config,
                     self.out,
-                    say=lambda line: console.print(line, highlight=False),
+                    say=lambda line: console.print(line, highlight=False, soft_wrap=True),
                     watch=lambda steps: progress.update(bar, completed=steps),
                     command=f"jssa-gym {' '.join(sys.argv[1:])}",
                 )
@@ -141,7 +145,11 @@ class Train:
             print(json.dumps({"training": config.as_dict(), "history": as_rows(training.history)}, allow_nan=False))
         else:
             _show(training.history)
-            print(f"\njssa-gym evaluate --task {config.task} --policy {self.out / 'best.npz'} --episodes 1000")
+            if not config.observe_intervention:  # whose observation only training_env makes
+                human = config.human or TASKS[config.task].human
+                guard = TASK_SHIELD if config.shield else "none"
+                print(f"\njssa-gym evaluate --task {config.task} --human {human} --filter {guard} "
+                      f"--policy {self.out / 'best.npz'} --episodes 1000")  # fmt: skip
         if self.video:
             self._film(training.policy, config)
 
@@ -162,12 +170,17 @@ def _show(history: tuple[Leg, ...]) -> None:
         table.add_row(
             f"{leg.steps:,}",
             f"{leg.episodes:,}",
-            f"{leg.success:.0%}",
+            _told(leg.success, ".0%"),
             f"{leg.moving_contacts}",
-            f"{leg.interventions:.1%}",
+            _told(leg.interventions, ".1%"),
             f"{leg.eval_success:.0%}",
             f"{leg.eval_safe:.0%}",
             f"{leg.eval_moving_contacts}",
-            f"{leg.eval_time:.1f} s",
+            _told(leg.eval_time, ".1f", " s"),
         )
     Console(width=None if Console().is_terminal else 120).print(table)
+
+
+def _told(number: float, form: str, unit: str = "") -> str:
+    """A number, or a dash for none."""
+    return "–" if number != number else f"{number:{form}}{unit}"

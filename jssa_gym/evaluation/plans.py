@@ -18,11 +18,15 @@ from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.exceptions import ParameterError, PolicyFileError
 from jssa_gym.policies import POLICIES, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.shields import FILTERS, Shield, make_filter
+from jssa_gym.shields import FILTERS, JSSAShield, Shield, make_filter
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
 
 STOP = "+stop"
 """Ending of a filter's name: with the viability box and the verified stop around it."""
+
+
+TASK_SHIELD = "shielded"
+"""Name of the shield that a task's shielded id has, such as ``jssa_gym/HandoverShielded-v0``."""
 
 
 class Setting(NamedTuple):
@@ -40,11 +44,18 @@ def put_filter(env: gym.Env, name: str) -> Shield:
     Args:
         env: The environment; see :class:`~jssa_gym.shields.Shield` for what it has to offer.
         name: Of :data:`~jssa_gym.shields.FILTERS`, for the bare filter; with :data:`STOP` behind it, with viability
-            box and verified stop.
+            box and verified stop; :data:`TASK_SHIELD` for the shield of the task's shielded id.
 
     Raises:
-        ParameterError: Unknown name.
+        ParameterError: Unknown name, the environment has a shield, or no task with a shielded id.
     """
+    layer: gym.Env = env
+    while isinstance(layer, gym.Wrapper):
+        if isinstance(layer, Shield):
+            raise ParameterError(f"{env} has a shield already: give a filter or an environment with a shield, not both")
+        layer = layer.env
+    if name == TASK_SHIELD:
+        return JSSAShield(env, **_changes_of_task(env))
     bare = _known_filter(name)
     robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
     stop = bare != name
@@ -110,10 +121,22 @@ def _check(plan: "Study | Single") -> None:
         raise ParameterError(f"separation has to be SeparationParams, got {plan.separation!r}")
 
 
+def _changes_of_task(env: gym.Env) -> dict[str, Any]:
+    """What a task's shielded id changes of the shield's defaults."""
+    task = getattr(getattr(env.unwrapped, "task", None), "name", "")
+    spec = gym.registry.get(f"jssa_gym/{task.capitalize()}Shielded-v0")
+    if spec is None:
+        raise ParameterError(f"{env} is of no task with a shielded id; give another filter than {TASK_SHIELD!r}")
+    return dict(spec.additional_wrappers[0].kwargs or {})
+
+
 def _known_filter(name: str) -> str:
+    if name == TASK_SHIELD:
+        return name
     bare = name.removesuffix(STOP) if isinstance(name, str) else name
     if bare not in FILTERS:
-        raise ParameterError(f"unknown filter {name!r}; valid: {', '.join(FILTERS)}, and each with '{STOP}' behind it")
+        valid = f"{', '.join(FILTERS)}, each also with '{STOP}' behind it, and {TASK_SHIELD}"
+        raise ParameterError(f"unknown filter {name!r}; valid: {valid}")
     return bare
 
 

@@ -98,6 +98,10 @@ class LearnedPolicy:
             raise ParameterError(f"{self.robot} has {robot.n} joints, the limits have {len(self.limits.jerk)}")
         return robot
 
+    def __repr__(self) -> str:
+        sizes = " → ".join(str(len(x)) for x in (self.network.mean, *(bias for _, bias in self.network.layers)))
+        return f"LearnedPolicy(task={self.task!r}, control={self.control!r}, robot={self.robot!r}, network={sizes})"
+
     def __call__(self, observation: Any) -> Array:
         """The jerk as a share of its bounds, in [-1, 1], shape (n,).
 

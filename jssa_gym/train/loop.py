@@ -95,9 +95,13 @@ def train(
     for error in refused:
         tell(f"passed over a checkpoint: {error}")
     if found is not None and found.data.get("config") != config.digest:
+        other = _differences(found.data.get("training"), config.as_dict())
         raise CheckpointError(
-            f"{folder} holds another training; give another folder, or the settings that it began with"
+            f"{folder} holds another training ({other}); give another folder, or the settings that it began with"
         )
+    rollout = getattr(config.settings, "rollout", 1)
+    if config.interval % rollout or config.steps % rollout:
+        tell(f"legs end with whole rollouts of {rollout:,} policy steps; --set rollout=... changes that")
     model = build(config, device)
     history: tuple[Leg, ...] = ()
     logger: Logger | None = None
@@ -124,6 +128,14 @@ def train(
         env = model.get_env()
         if env is not None:
             env.close()
+
+
+def _differences(begun: Any, asked: Mapping[str, Any]) -> str:
+    if not isinstance(begun, Mapping):
+        return "of which it does not say what"
+    names = [name for name in asked if begun.get(name) != asked[name]]
+    why = ", and its learning rate decays over all steps" if names == ["steps"] else ""
+    return f"other {', '.join(names)}{why}" if names else "by another version"
 
 
 def _logger(folder: Path) -> Logger:
