@@ -145,7 +145,7 @@ def test_bad_arguments_are_refused():
         with pytest.raises(ParameterError, match="weight"):
             InterventionPenalty(Told(), weight)
     env = control_env(CLOSE)
-    with pytest.raises(ParameterError, match="jerk, velocity, position"):
+    with pytest.raises(ParameterError, match="jerk, position, velocity, tip"):
         ExecutedAction(env, "torque")
     with pytest.raises(ParameterError, match="share"):
         ExecutedAction(env, "velocity", 0.0)

@@ -7,7 +7,7 @@ import tyro
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
 from jssa_gym.evaluation.plans import STOP, TASK_SHIELD
-from jssa_gym.policies import POLICIES
+from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.shields import FILTERS
 
 
@@ -22,7 +22,7 @@ FILTER = _says(
     FILTERS,
 )
 HUMAN = _says("People by name", PEOPLE)
-POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", POLICIES)
+POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", (*POLICIES, *shipped_policies()))
 """Of what is evaluated."""
 
 SHIELDS = _says("Shields by name, whole and weakened", CONTENDERS)

@@ -228,7 +228,7 @@ class Single:
     v_safe: float = MOVING
     separation: SeparationParams = field(default_factory=SeparationParams)
     trust_pickle: ClassVar[bool] = False
-    """Who trusts a file loads it with :func:`~jssa_gym.policies.load_policy` and hands over what that returns."""
+    """Who trusts a file hands over what :func:`~jssa_gym.policies.load_policy` returns: one job, no ``out`` folder."""
     code: str = field(init=False, repr=False)
     """Digest of the file that holds or defines the policy, when the plan was made."""
 
