@@ -15,6 +15,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
+import gymnasium as gym
 import numpy as np
 import picklable
 import pytest
@@ -145,6 +146,28 @@ def test_seeds_are_shared_by_the_filters_alone():
         assert some == list(range(some[0], some[0] + 3))
         firsts.setdefault((setting.task, setting.human, setting.policy), set()).add(some[0])
     assert sorted(first for (first,) in firsts.values()) == [5 + SPACING * k for k in range(8)]
+
+
+@pytest.mark.parametrize("task", ["reach", "handover"])
+def test_the_shield_of_the_shielded_id_by_name(task):
+    named = put_filter(jssa_gym.ArmEnv(task, terminate_on=()), "shielded")
+    ready = gym.make(f"jssa_gym/{task.capitalize()}Shielded-v0", terminate_on=())
+    rng, ended = np.random.default_rng(0), []
+    for env in (named, ready):
+        env.reset(seed=3)
+        rng = np.random.default_rng(0)
+        for _ in range(150):
+            env.step(rng.uniform(-1.0, 1.0, 6))
+        ended.append(env.unwrapped.scene.robot.position)
+    np.testing.assert_array_equal(*ended)
+    assert (named.filter.index.lambda1 == 1.0) == (task == "handover")
+    (report,) = complete(Study((task,), ("shielded",), ("receive",), ("hold",), episodes=1, steps=20), None)
+    assert report.setting.filter == "shielded"
+
+
+def test_one_shield_inside_another_is_refused():
+    with pytest.raises(ParameterError, match="has a shield already"):
+        jssa_gym.evaluate("jssa_gym/ReachShielded-v0", "hold", 1, filter="jssa+stop", steps=5)
 
 
 def test_filters_meet_the_same_people(finished):

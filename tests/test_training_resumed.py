@@ -101,8 +101,12 @@ def test_another_training_s_folder_is_refused_before_anything_is_written(tmp_pat
     config = tiny(steps=64)
     train(config, tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    for other in (replace(config, seed=1), replace(config, steps=128), replace(config, shield=False)):
-        with pytest.raises(CheckpointError, match="holds another training"):
+    for other, why in (
+        (replace(config, seed=1), r"\(other seed\)"),
+        (replace(config, steps=128), r"\(other steps, and its learning rate decays over all steps\)"),
+        (replace(config, shield=False), r"\(other shield\)"),
+    ):
+        with pytest.raises(CheckpointError, match=f"holds another training {why}"):
             train(other, tmp_path)
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 

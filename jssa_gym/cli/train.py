@@ -15,7 +15,7 @@ from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_json
 from jssa_gym.cli.film import EVERY, film
 from jssa_gym.envs.tasks import TASKS
-from jssa_gym.evaluation.plans import TASK_SHIELD
+from jssa_gym.evaluation.guards import TASK_SHIELD
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.learned import LearnedPolicy

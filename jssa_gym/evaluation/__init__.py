@@ -1,8 +1,9 @@
 """Episodes, what they recorded, numbers about them, and a second judge."""
 
 from jssa_gym.evaluation.geometry import Geometry, geometry
+from jssa_gym.evaluation.guards import put_filter
 from jssa_gym.evaluation.metrics import SeparationParams, Summary, summarise
-from jssa_gym.evaluation.plans import Study, make_policy, put_filter
+from jssa_gym.evaluation.plans import Study, make_policy
 from jssa_gym.evaluation.record import RecordSafety
 from jssa_gym.evaluation.replay import judge
 from jssa_gym.evaluation.report import Report

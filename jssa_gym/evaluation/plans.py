@@ -13,20 +13,12 @@ from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.campaign import SPACING, paired_seeds
 from jssa_gym.evaluation.contenders import PEOPLE
+from jssa_gym.evaluation.guards import known_filter, put_filter
 from jssa_gym.evaluation.identity import code_digest, identity, named
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.exceptions import ParameterError, PolicyFileError
 from jssa_gym.policies import POLICIES, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
-from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.shields import FILTERS, JSSAShield, Shield, make_filter
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
-
-STOP = "+stop"
-"""Ending of a filter's name: with the viability box and the verified stop around it."""
-
-
-TASK_SHIELD = "shielded"
-"""Name of the shield that a task's shielded id has, such as ``jssa_gym/HandoverShielded-v0``."""
 
 
 class Setting(NamedTuple):
@@ -36,30 +28,6 @@ class Setting(NamedTuple):
     filter: str
     human: str
     policy: str
-
-
-def put_filter(env: gym.Env, name: str) -> Shield:
-    """A shield by the name of its filter around an environment.
-
-    Args:
-        env: The environment; see :class:`~jssa_gym.shields.Shield` for what it has to offer.
-        name: Of :data:`~jssa_gym.shields.FILTERS`, for the bare filter; with :data:`STOP` behind it, with viability
-            box and verified stop; :data:`TASK_SHIELD` for the shield of the task's shielded id.
-
-    Raises:
-        ParameterError: Unknown name, the environment has a shield, or no task with a shielded id.
-    """
-    layer: gym.Env = env
-    while isinstance(layer, gym.Wrapper):
-        if isinstance(layer, Shield):
-            raise ParameterError(f"{env} has a shield already: give a filter or an environment with a shield, not both")
-        layer = layer.env
-    if name == TASK_SHIELD:
-        return JSSAShield(env, **_changes_of_task(env))
-    bare = _known_filter(name)
-    robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
-    stop = bare != name
-    return Shield(env, make_filter(bare, robot, dt, viability=stop, failsafe=FailsafeParams() if stop else None))
 
 
 def make_policy(
@@ -121,25 +89,6 @@ def _check(plan: "Study | Single") -> None:
         raise ParameterError(f"separation has to be SeparationParams, got {plan.separation!r}")
 
 
-def _changes_of_task(env: gym.Env) -> dict[str, Any]:
-    """What a task's shielded id changes of the shield's defaults."""
-    task = getattr(getattr(env.unwrapped, "task", None), "name", "")
-    spec = gym.registry.get(f"jssa_gym/{task.capitalize()}Shielded-v0")
-    if spec is None:
-        raise ParameterError(f"{env} is of no task with a shielded id; give another filter than {TASK_SHIELD!r}")
-    return dict(spec.additional_wrappers[0].kwargs or {})
-
-
-def _known_filter(name: str) -> str:
-    if name == TASK_SHIELD:
-        return name
-    bare = name.removesuffix(STOP) if isinstance(name, str) else name
-    if bare not in FILTERS:
-        valid = f"{', '.join(FILTERS)}, each also with '{STOP}' behind it, and {TASK_SHIELD}"
-        raise ParameterError(f"unknown filter {name!r}; valid: {valid}")
-    return bare
-
-
 @dataclass(frozen=True, slots=True)
 class Study:
     """All combinations of some tasks, filters, people and policies, every one on the same seeds for all filters.
@@ -176,7 +125,7 @@ class Study:
         for human in self.humans:
             known_name("human", human, PEOPLE)
         for name in self.filters:
-            _known_filter(name)
+            known_filter(name)
         for policy in self.policies:
             _factory(policy, self.trust_pickle)
         object.__setattr__(self, "code", _codes(self.policies))
@@ -235,7 +184,7 @@ class Single:
     def __post_init__(self) -> None:
         _check(self)
         if self.filter is not None:
-            _known_filter(self.filter)
+            known_filter(self.filter)
         if not isinstance(self.env_kwargs, Mapping | None):
             raise ParameterError(f"env_kwargs has to be a mapping, got {self.env_kwargs!r}")
         if isinstance(self.env, str):
