@@ -179,7 +179,7 @@ def test_its_policy_is_evaluated_by_the_line_that_it_prints(trained, tmp_path):
     assert run.returncode == 0, run.stderr
     assert "the training, leg by leg" in run.stdout
     line = run.stdout.strip().splitlines()[-1]
-    assert line.startswith("jssa-gym evaluate --task reach --policy ")
+    assert line.startswith("jssa-gym evaluate --task reach --human random --filter shielded --policy ")
     words = line.replace("--episodes 1000", "--episodes 1").split()[1:]
     run = cli(*words, "--out", tmp_path, "--json")
     assert run.returncode == 0, run.stderr
