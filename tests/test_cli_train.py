@@ -206,11 +206,16 @@ def test_ctrl_c_says_how_to_go_on(tmp_path):
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "COLUMNS": "300"},
+        # whoever runs the tests in the background may have it ignored, which children inherit
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    while process.poll() is None and not (tmp_path / "history.csv").exists():
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    try:
+        while process.poll() is None and not (tmp_path / "history.csv").exists():
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
     assert process.returncode == 130, err
     assert "the same command goes on from the last checkpoint" in err
     assert "Traceback" not in err

@@ -137,7 +137,7 @@ class TestConversion:
                 convert_sb3(models["PPO"][1], **wrong)
 
     def test_a_model_of_another_arm_is_refused(self, models, toy_mjcf):
-        with pytest.raises(ParameterError, match="6 numbers for 3 joints"):
+        with pytest.raises(ParameterError, match="6 numbers, control 'jerk' of 3 joints has 3"):
             convert_sb3(models["PPO"][1], robot=toy_mjcf)
 
     @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from jssa_gym.evaluation.runner import evaluate
 from jssa_gym.exceptions import CheckpointError, MissingExtraError
 from jssa_gym.policies import load_policy
 from jssa_gym.shields import Shield
-from jssa_gym.train import PPO, TrainConfig, build, control_env, loop, to_policy, train, training_env
+from jssa_gym.train import TrainConfig, build, control_env, loop, preset, to_policy, train, training_env
 from jssa_gym.train.config import EVALUATION_SEED
 from jssa_gym.train.history import Tally, as_rows, from_rows
 
@@ -218,21 +218,12 @@ def test_the_best_policy_is_the_one_with_the_best_evaluation(tmp_path):
 
 
 def test_ppo_learns_to_reach(tmp_path):
-    config = TrainConfig(
-        human="none",
-        settings=PPO(width=64, rollout=512, batch_size=128, learning_rate=2e-3, decay=False, gamma=0.95),
-        control="position",
-        share=1.0,
-        steps=4096,
-        interval=4096,
-        envs=8,
-        eval_episodes=6,
-    )
+    config = replace(preset("reach", "ppo"), human="none", steps=8192, interval=8192, eval_episodes=6)
     model = build(config)
     untrained = evaluate(partial(control_env, config), to_policy(model, config), 6, EVALUATION_SEED)
     model.get_env().close()
     (leg,) = train(config, tmp_path).history
-    # where it was written: from -1014 to -788
+    # where it was written: from -1746 to -1474, and with seed 1 from -1743 to -1563
     assert leg.eval_return > untrained.means["ep_return"].value + 80.0
-    assert leg.episodes == 40
+    assert leg.episodes >= 80
     assert leg.limit_violations == 0

@@ -124,7 +124,9 @@ def test_it_trains_inside_the_shield_and_the_same_seed_gives_the_same_bits(ppo, 
     envs.close()
     ppo.train(args)
     told = capsys.readouterr().out
-    assert re.search(r"512 steps, 2 episodes ended, return -\d+, success 0, moving_contact 0, intervention_rate", told)
+    assert re.search(
+        r"512 steps, 2 episodes ended, return -[\d.e+]+, success 0, moving_contact 0, intervention_rate", told
+    )
     first = torch.load(args.save, weights_only=True)
     ppo.train(replace(args, save=tmp_path / "again.pt"))
     again = torch.load(tmp_path / "again.pt", weights_only=True)
