@@ -95,7 +95,7 @@ class ExecutedAction(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     Where the shield changed nothing that is the action itself. Else it is the action that would have asked for what
     happened until the end of the step: for jerks their mean over the ticks, since that is the change of the
-    acceleration; for velocities and positions the one that the arm ended with. It goes outside everything that changes
+    acceleration; for other commands the one that the arm ended with. It goes outside everything that changes
     or repeats actions.
 
     Args:
