@@ -25,6 +25,16 @@ def exceeded(report: Report) -> Rate:
     return Rate.of(sum(one.summary.limit_violation_rate > 0.0 for one in report.episodes), len(report.episodes))
 
 
+def played(
+    policy: str, task: str, shield: bool, episodes: int, *, seed: int, jobs: int, out: Path, human: str | None = None
+) -> Report:
+    """A policy on a task, under its shielded id or the one without; an interrupted evaluation goes on."""
+    name = f"{task}-{''.join(c if c.isalnum() else '_' for c in policy)}-{'yes' if shield else 'no'}"
+    people = {} if human is None else {"human": human}
+    env = f"jssa_gym/{task}{'Shielded' if shield else ''}-v0"
+    return evaluate(env, policy, episodes, seed, env_kwargs=people, jobs=jobs, out=out / name, keep=1)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("policies", nargs="+", help="names, or files of trained policies")
@@ -36,7 +46,6 @@ def main() -> None:
     parser.add_argument("--bare", nargs="*", default=["yes", "no"], choices=["yes", "no"], help="without shield too?")
     parser.add_argument("--out", type=Path, default=Path("trained"))
     args = parser.parse_args()
-    people = {} if args.human is None else {"human": args.human}
     print("| policy | shield | success without a contact | safe success | moving contacts | contacts | limit exceeded |"
           " time to the goal | changed |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|")
@@ -44,11 +53,10 @@ def main() -> None:
     for policy in args.policies:
         for bare in sorted(set(args.bare)):
             shield = "no" if bare == "yes" else "yes"
-            env = f"jssa_gym/{args.task}{'' if bare == 'yes' else 'Shielded'}-v0"
-            name = f"{args.task}-{''.join(c if c.isalnum() else '_' for c in policy)}-{shield}"
-            report = evaluate(
-                env, policy, args.episodes, args.seed, env_kwargs=people, jobs=args.jobs, out=args.out / name, keep=1
-            )
+            report = played(
+                policy, args.task, shield == "yes", args.episodes,
+                seed=args.seed, jobs=args.jobs, out=args.out, human=args.human,
+            )  # fmt: skip
             found[policy, shield] = report
             time = report.means.get("time_to_goal")
             changed = report.means.get("intervention_rate")

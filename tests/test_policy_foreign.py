@@ -156,6 +156,8 @@ class TestConversion:
         policy = jssa_gym.load_policy(tmp_path / "model.zip", trust_pickle=True)
         wanted = model.predict(observations()[0], deterministic=True)[0]
         np.testing.assert_allclose(policy(observations()[0]), wanted, rtol=0, atol=1e-6)
+        sent = pickle.loads(pickle.dumps(policy))  # to the processes of an evaluation
+        np.testing.assert_array_equal(sent(observations()[0]), policy(observations()[0]))
 
     def test_without_torch_one_line_says_what_to_install(self, models, saved_policy):
         script = (

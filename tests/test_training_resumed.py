@@ -1,8 +1,6 @@
 # ruff: noqa: E402
 """Trainings that were interrupted or killed go on to the bit."""
 
-"""Trainings that were interrupted or killed go on to the bit."""
-
 import json
 import signal
 import subprocess
@@ -116,6 +114,29 @@ def test_a_training_whose_checkpoints_are_gone_does_not_begin_anew_in_silence(tm
     (tmp_path / "checkpoints").rename(tmp_path / "elsewhere")
     with pytest.raises(CheckpointError, match="history but no checkpoint"):
         train(tiny(steps=64), tmp_path)
+
+
+def test_a_folder_takes_one_training_at_a_time(tmp_path):
+    config, refused = tiny(steps=64), []
+
+    def second(steps):
+        with pytest.raises(CheckpointError, match="another process trains in") as error:
+            train(config, tmp_path)
+        refused.append(error)
+
+    train(config, tmp_path, watch=second)
+    assert refused
+    train(config, tmp_path)  # it is free again
+
+
+def test_a_best_policy_that_is_gone_is_not_replaced_in_silence(tmp_path):
+    config, told = tiny(steps=64), []
+    train(config, tmp_path, say=told.append)
+    assert not any("is gone" in line for line in told)
+    (tmp_path / "best.npz").unlink()
+    training = train(config, tmp_path, say=told.append)
+    assert "best.npz is gone; the policy is that of last.npz" in told[-1]
+    assert training.policy.provenance["steps"] == 64
 
 
 def test_the_learning_rate_falls_over_the_whole_training_not_in_every_leg(tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 import io
 import re
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -158,7 +159,17 @@ def unpickle_sb3(path: str | Path) -> Policy:
         model = getattr(stable_baselines3, family.algorithm).load(path, device="cpu")
     except Exception as error:  # what unpickling raises is up to the file
         raise PolicyFileError(f"{path} cannot be loaded as {family.algorithm}: {error}") from error
-    return lambda observation: model.predict(observation, deterministic=True)[0]
+    return _Predicting(model)
+
+
+@dataclass(frozen=True, slots=True)
+class _Predicting:
+    """A model's deterministic action; can be sent to processes, if the model can."""
+
+    model: Any
+
+    def __call__(self, observation: Any) -> Any:
+        return self.model.predict(observation, deterministic=True)[0]
 
 
 def _weights(path: str | Path) -> tuple[dict[str, Any], set[str]]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock, Timeout
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, configure
@@ -37,6 +38,7 @@ from jssa_gym.train.state import (
 )
 
 CHECKPOINTS, BEST, LAST, HISTORY, LOGS = "checkpoints", "best.npz", "last.npz", "history.csv", "tensorboard"
+LOCK = ".lock"
 """What is in a training's folder."""
 
 _PACKAGES = ("jssa-gym", "stable-baselines3", "sb3-contrib", "torch", "numpy", "gymnasium", "numba")
@@ -85,10 +87,25 @@ def train(
         command: Noted in the policy files as what made them.
 
     Raises:
-        CheckpointError: The folder is of another training, all its checkpoints are bad, or the disk is full.
+        CheckpointError: The folder is of another training or another process trains in it, all its checkpoints are bad,
+            or the disk is full.
         MissingExtraError: A package is not installed.
     """
-    folder, tell = Path(folder), say or (lambda line: None)
+    folder = Path(folder)
+    lock = FileLock(folder / LOCK, timeout=0)  # the system lets go of it when the process ends, however it ends
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = lock.acquire()
+    except Timeout as error:
+        raise CheckpointError(f"another process trains in {folder}; wait for it, or give another folder") from error
+    except OSError as error:
+        raise CheckpointError(f"cannot write to {folder}: {error.strerror or error}") from error
+    with held:
+        return _train(config, folder, say or (lambda line: None), watch, device, command)
+
+
+def _train(config: TrainConfig, folder: Path, tell: Say, watch: Watch | None, device: str, command: str) -> Training:
+    """:func:`train` in a folder that nobody else writes to."""
     found, refused = latest_checkpoint(folder / CHECKPOINTS)
     if found is None and (folder / HISTORY).exists():
         raise CheckpointError(f"{folder} has a history but no checkpoint to go on from; give another folder")
@@ -121,7 +138,10 @@ def train(
                 + (f"{last.success:.0%}, {last.moving_contacts} in {last.episodes}" if last.episodes else "none ended")
             )
         best = folder / BEST
-        return Training(read_policy(best if best.exists() else folder / LAST), history, folder)
+        if not best.exists():
+            tell(f"{best} is gone; the policy is that of {LAST}, which need not be the best")
+            best = folder / LAST
+        return Training(read_policy(best), history, folder)
     finally:
         if logger is not None:
             logger.close()
