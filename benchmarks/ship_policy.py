@@ -52,8 +52,8 @@ def main() -> None:
     if TrainConfig.of(training) != replace(tuned, seed=training["seed"], shield=training["shield"]):
         raise SystemExit(f"{args.policy} was trained otherwise than the preset: its command would not make it again")
     # what its folder was called on somebody's machine is of no use to others
-    command = ["jssa-gym train", f"--task {policy.task}", f"--seed {training['seed']}"]
-    command += [] if training["shield"] else ["--no-shield"]
+    command = ["jssa-gym train", f"--task {policy.task}", f"--algorithm {training['settings']['algorithm']}"]
+    command += [f"--seed {training['seed']}", *([] if training["shield"] else ["--no-shield"])]
     provenance = {
         **policy.provenance,
         "command": " ".join([*command, f"--out {args.name}"]),

@@ -645,11 +645,29 @@ class TestNames:
     @pytest.mark.parametrize("name", shipped_policies())
     def test_every_shipped_policy_says_where_it_comes_from_and_fits_its_task(self, name):
         policy = jssa_gym.load_policy(name)
-        assert policy.provenance["command"]
-        if not policy.observes_intervention:
-            policy.check(ArmEnv(policy.task))
-        path = policy_file(name)
-        assert path.stat().st_size < 2**20
+        told = policy.provenance
+        assert re.fullmatch(rf"jssa-gym train --task {policy.task} [-a-z0-9 ]*--out {name}", told["command"])
+        assert "shield" not in told["command"]
+        assert told["training_moving_contacts"] == 0 < told["training_episodes"]
+        for result in told["evaluation"]["results"]:
+            count, low, high = result["success_without_contact"]
+            assert result["episodes"] >= 1000
+            assert low < count / result["episodes"] < high
+        assert [result["shield"] for result in told["evaluation"]["results"]] == [True, False]
+        assert not re.search(r"[\w.-]*/(tmp|home|root|work|Users)\b", json.dumps(told))
+        policy.check(ArmEnv(policy.task))
+        assert policy_file(name).stat().st_size < 2**20
+
+    @pytest.mark.parametrize("name", shipped_policies())
+    def test_every_shipped_policy_does_its_task_under_the_shield(self, name):
+        task = jssa_gym.load_policy(name).task.capitalize()
+        report = jssa_gym.evaluate(f"jssa_gym/{task}Shielded-v0", name, 10, 7_000)
+        assert report.rates["success_rate"].k >= 6
+        assert report.rates["moving_contact_rate"].k == 0
+        assert report.means["limit_violation_rate"].value == 0.0
+
+    def test_policies_are_shipped(self):
+        assert {"reach-sac", "reach-ppo", "handover-ppo"} <= set(shipped_policies())
 
 
 def layers_of(shield) -> dict:
