@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -62,7 +63,9 @@ def test_demo_writes_its_files_and_prints_a_table(tmp_path):
     assert "JSSAShield" in run.stdout
     assert "min distance" in run.stdout
     assert sorted(path.name for path in (tmp_path / "deep" / "out").iterdir()) == ["metrics.json", "profile.png"]
-    check_metrics(tmp_path / "deep" / "out" / "metrics.json")
+    summaries = check_metrics(tmp_path / "deep" / "out" / "metrics.json")
+    (changed,) = (line for line in run.stdout.splitlines() if "steps changed" in line)
+    assert re.findall(r"[\d.]+ %", changed) == [f"{100.0 * s['intervention_rate']:.1f} %" for s in summaries]
     assert (tmp_path / "deep" / "out" / "profile.png").read_bytes().startswith(b"\x89PNG")
     assert "profile.png" in run.stderr
 
