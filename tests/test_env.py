@@ -83,6 +83,16 @@ def test_gymnasium_finds_nothing_in_the_shielded_ids(name):
         check_env(gym.make(name), skip_render_check=True)
 
 
+@pytest.mark.gl
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasium_finds_nothing_when_it_draws_either(monkeypatch, name):
+    monkeypatch.setitem(ArmEnv.metadata, "render_modes", ["rgb_array"])  # no window opens, even where one could
+    env = gym.make(name)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*is different from the unwrapped version")
+        check_env(env if "Shielded" in name else env.unwrapped)
+
+
 @pytest.mark.parametrize("name", IDS)
 def test_stable_baselines3_finds_nothing_to_complain_about(name):
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="stable_baselines3 is not installed")
