@@ -613,8 +613,27 @@ def test_bad_weights_are_refused(name, weight):
 # ---- a solver that fails ---------------------------------------------------------------------------------
 
 
+SOLVE = osqp.OSQP.solve
+
+
 def answer(x):
-    return lambda self, *arguments, **options: SimpleNamespace(x=x)
+    return lambda self, *arguments, **options: SimpleNamespace(x=x, y=None)
+
+
+def corner(self, *arguments, **options):
+    """Answers another question: a corner of rows and box, nearest to a nominal far away, with its multipliers."""
+    self.update(q=np.full(6, 5.0))
+    return SOLVE(self, *arguments, **options)
+
+
+def with_multipliers(change):
+    """The right jerk, but its multipliers prove nothing."""
+
+    def solve(self, *arguments, **options):
+        found = SOLVE(self, *arguments, **options)
+        return SimpleNamespace(x=found.x, y=change(found.y))
+
+    return solve
 
 
 def raising(error):
@@ -631,6 +650,12 @@ FAULTS = {
     "nothing": ("solve", answer(None), "no finite answer"),
     "wrong, called solved": ("solve", answer(np.zeros(6)), "osqp left"),
     "far outside the box": ("solve", answer(np.full(6, -1e9)), "osqp left"),
+    "feasible but not nearest": ("solve", corner, "osqp may be"),
+    "multipliers of the wrong sign": ("solve", with_multipliers(np.negative), "osqp may be"),
+    "multipliers too small": ("solve", with_multipliers(lambda y: 0.9 * y), "osqp may be"),
+    "huge multipliers": ("solve", with_multipliers(lambda y: np.full_like(y, 1e200)), "osqp may be"),
+    "infinite multipliers": ("solve", with_multipliers(lambda y: np.full_like(y, np.inf)), "no finite multipliers"),
+    "no multipliers": ("solve", with_multipliers(lambda y: None), "no finite multipliers"),
     "exception": ("solve", raising(RuntimeError("solver died")), "osqp raised RuntimeError"),
     "out of memory": ("solve", raising(MemoryError()), "osqp raised MemoryError"),
     "update fails": ("update", raising(ValueError("bad data")), "osqp raised ValueError"),
@@ -669,6 +694,37 @@ def test_a_failing_solver_is_never_trusted(monkeypatch, fault, rows):
     after = projector.project(nominal, HalfSpaces(L, S), lower, upper)
     assert after.note == ""
     np.testing.assert_allclose(after.jerk, exact.jerk, rtol=0, atol=1e-2)
+
+
+@pytest.mark.filterwarnings(OSQP_WARNING)
+def test_what_osqp_may_answer_is_near_the_nearest(monkeypatch):
+    """However far the answer is moved into the feasible set: what passes without a note is as near as promised."""
+    rng = np.random.default_rng(15)
+    root = rng.normal(size=(6, 6))
+    weight = root @ root.T + np.eye(6)
+    projector, exact, passed = OSQPProjector(6, weight), ExactProjector(6, weight), []
+    moved = np.zeros(6)
+
+    def towards(self, *arguments, **options):
+        found = SOLVE(self, *arguments, **options)
+        return SimpleNamespace(x=(1.0 - share) * found.x + share * moved, y=found.y)
+
+    monkeypatch.setattr(osqp.OSQP, "solve", towards)
+    for _ in range(25):
+        lower, upper = box(rng, 6)
+        L, S = feasible_rows(rng, lower, upper, int(rng.integers(1, 12)))
+        rows, unit = HalfSpaces(L, S), np.max(np.abs([lower, upper]))
+        nominal, other = (1.3 * rng.uniform(lower, upper) for _ in range(2))
+        nearest = exact.project(nominal, rows, lower, upper).jerk
+        moved = exact.project(other, rows, lower, upper).jerk / unit
+        for share in (0.0, 1e-6, 1e-4, 1e-2, 1.0):
+            found = projector.project(nominal, rows, lower, upper)
+            if not found.note:
+                off = (found.jerk - nearest) / unit
+                assert np.sqrt(off @ weight @ off / (np.trace(weight) / 6)) <= projector.nearness
+                passed.append(share)
+    assert min(passed.count(share) for share in (0.0, 1e-6)) >= 10
+    assert passed.count(1.0) <= 2  # the nominal's and the other's nearest can be one corner
 
 
 def test_a_failing_solver_and_conflicting_rows(monkeypatch):
