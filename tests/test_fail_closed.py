@@ -134,7 +134,7 @@ def test_a_projection_without_a_solution_brakes(projector: str, monkeypatch: pyt
 def test_an_unsolvable_projection_does_not_answer_with_the_nominal() -> None:
     nominal, out = np.full(3, 0.5), np.zeros(3)
     L, S = np.full((2, 3), np.nan), np.ones(2)
-    feasible, left = project_rows(nominal, L, S, 2, -np.ones(3), np.ones(3), np.eye(3), *scratch(3), out)
+    feasible, left = project_rows(nominal, L, S, 2, -np.ones(3), np.ones(3), np.eye(3), *scratch(3, 2), out)
     assert not feasible
     assert np.isnan(left)
     np.testing.assert_array_equal(out, np.zeros(3))
@@ -145,7 +145,7 @@ def test_an_infinite_row_is_not_projected_onto(where: str) -> None:
     L, S, out = np.eye(2, 3), np.full(2, 0.5), np.zeros(3)
     (L if where == "L" else S)[(1, 0) if where == "L" else 1] = np.inf
     bound = np.ones(3)
-    feasible, left = project_rows(-0.9 * bound, L, S, 2, -bound, bound, np.eye(3), *scratch(3), out)
+    feasible, left = project_rows(-0.9 * bound, L, S, 2, -bound, bound, np.eye(3), *scratch(3, 2), out)
     assert not feasible
     assert np.isnan(left)
     np.testing.assert_array_equal(out, np.zeros(3))
@@ -154,7 +154,7 @@ def test_an_infinite_row_is_not_projected_onto(where: str) -> None:
 def test_a_nominal_that_is_no_number_is_not_projected() -> None:
     L, S, out, bound = np.eye(2, 3), np.full(2, 0.5), np.zeros(3), np.ones(3)
     nominal = np.array([0.0, 0.0, np.nan])
-    feasible, left = project_rows(nominal, L, S, 2, -bound, bound, np.eye(3), *scratch(3), out)
+    feasible, left = project_rows(nominal, L, S, 2, -bound, bound, np.eye(3), *scratch(3, 2), out)
     assert not feasible
     assert np.isnan(left)
     np.testing.assert_array_equal(out, np.zeros(3))
@@ -166,7 +166,7 @@ def test_one_hopeless_row_does_not_switch_off_the_others() -> None:
     L = np.array([[1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 5e-3, 0.0, 0.0]])
     S = np.array([1.0, 0.1])
     nominal = np.array([0.0, 0.0, 0.0, -60.0, 0.0, 0.0])
-    feasible, left = project_rows(nominal, L, S, 2, lower, upper, np.eye(6), *scratch(6), out)
+    feasible, left = project_rows(nominal, L, S, 2, lower, upper, np.eye(6), *scratch(6, 2), out)
     assert not feasible
     assert left == pytest.approx(1.0 - 3 * 0.06, rel=1e-6)
     np.testing.assert_allclose(out[:3], 60.0, rtol=1e-6)

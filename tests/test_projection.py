@@ -58,9 +58,9 @@ def one_row(nominal, row, right, lower, upper, weight):
 def many_rows(nominal, L, S, lower, upper, V):
     n = len(nominal)
     out = np.full(n, np.nan)
-    floats, active = scratch(n)
-    floats[:], active[:] = np.nan, -7  # what the last problem left in it must not matter
-    feasible, left = project_rows(nominal, L, S, len(S), lower, upper, np.linalg.inv(V), floats, active, out)
+    floats, active, relief = scratch(n, len(S))
+    floats[:], active[:], relief[:] = np.nan, -7, np.nan  # what the last problem left in it must not matter
+    feasible, left = project_rows(nominal, L, S, len(S), lower, upper, np.linalg.inv(V), floats, active, relief, out)
     return out, feasible, left
 
 
@@ -378,12 +378,11 @@ import numpy as np
 from jssa_gym.kernels.projection import project_rows, scratch
 rng = np.random.default_rng(10)
 for n in (1, 2, 3, 6, 7, 9):
-    floats, active = scratch(n)
     for m in (0, 1, 4, 12):
         for S in (rng.normal(size=m), np.full(m, 1e3)):
             upper = rng.uniform(20.0, 200.0, n)
             nominal, L = 2.0 * rng.uniform(-upper, upper), rng.normal(size=(m, n))
-            project_rows(nominal, L, S, m, -upper, upper, np.eye(n), floats, active, np.empty(n))
+            project_rows(nominal, L, S, m, -upper, upper, np.eye(n), *scratch(n, m), np.empty(n))
 """
 
 
@@ -397,6 +396,40 @@ def test_no_kernel_writes_behind_its_scratch():
         check=False,
     )
     assert run.returncode == 0, run.stderr
+
+
+ALLOCATIONS = """
+import numpy as np
+from numba.core.registry import cpu_target
+from numba.core.runtime import rtsys
+from jssa_gym.kernels.projection import project_rows, scratch
+rtsys.initialize(cpu_target.target_context)
+rng, bound, memory = np.random.default_rng(11), np.ones(6), scratch(6, 8)
+L = rng.normal(size=(8, 6))
+def allocations(S, expected):
+    nominal, out = rng.uniform(-bound, bound), np.empty(6)
+    before = rtsys.get_allocation_stats().alloc
+    feasible, _ = project_rows(nominal, L, S, 8, -bound, bound, np.eye(6), *memory, out)
+    assert feasible == expected
+    return rtsys.get_allocation_stats().alloc - before
+possible, hopeless = L @ np.full(6, 0.5), np.full(8, 1e3)
+allocations(possible, True)
+print(allocations(possible, True), allocations(hopeless, False))
+"""
+
+
+def test_rows_that_exclude_each_other_cost_no_memory():
+    """Whatever the rows are, nothing is allocated but what handing arrays to a kernel takes."""
+    run = subprocess.run(
+        [sys.executable, "-c", ALLOCATIONS],
+        env={**os.environ, "NUMBA_NRT_STATS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    possible, hopeless = run.stdout.split()
+    assert possible == hopeless
 
 
 @pytest.mark.parametrize("name", PROJECTORS)

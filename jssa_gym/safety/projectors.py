@@ -58,7 +58,7 @@ class ExactProjector(Projector):
     def __init__(self, n: int, weight: ArrayLike | None = None) -> None:
         super().__init__(n, weight)
         self._inverse = np.linalg.inv(self.weight)
-        self._floats, self._active = scratch(n)
+        self._scratch = scratch(n, 0)
 
     def project(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array) -> Projection:
         jerk = np.empty(self.n)
@@ -68,9 +68,9 @@ class ExactProjector(Projector):
             # a violation of rounding size is no infeasibility
             kept = left < np.inf and left <= 1e-12 * max(1.0, abs(rows.S[0]))
             return Projection(jerk, kept, max(left, 0.0), "")
-        feasible, left = project_rows(
-            nominal, rows.L, rows.S, count, lower, upper, self._inverse, self._floats, self._active, jerk
-        )
+        if count > self._scratch[2].shape[1]:
+            self._scratch = scratch(self.n, 2 * count)
+        feasible, left = project_rows(nominal, rows.L, rows.S, count, lower, upper, self._inverse, *self._scratch, jerk)
         return Projection(jerk, feasible, left, "")
 
 
