@@ -1151,6 +1151,21 @@ def test_a_picture_shows_arm_and_person():
 
 
 @pytest.mark.gl
+def test_an_environment_that_nobody_closes_ends_quietly():
+    """Renderers that the interpreter's end would find open are closed before the OpenGL backend is."""
+    script = (
+        "import gymnasium as gym, jssa_gym\n"
+        "kept = [gym.make('jssa_gym/Home-v0', human='none', render_mode='rgb_array') for _ in range(3)]\n"
+        "for env in kept:\n"
+        "    env.reset(seed=0)\n"
+        "    env.render()\n"
+        "kept[0].close()\n"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.gl
 def test_a_picture_of_reach_marks_the_target():
     env = ArmEnv("reach", human="none", render_mode="rgb_array", width=320, height=240)
     env.reset(seed=0, options={"goal": [0.7, -0.3, 1.5]})
