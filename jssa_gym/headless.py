@@ -1,8 +1,13 @@
-"""Choice of MuJoCo's OpenGL backend, which is fixed the moment ``mujoco`` is first imported."""
+"""MuJoCo's OpenGL backend: its choice, which is fixed the moment ``mujoco`` is first imported, and its end."""
 
+import atexit
 import ctypes.util
 import os
 import sys
+import weakref
+from typing import Any
+
+_open: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 def has_display() -> bool:
@@ -21,3 +26,18 @@ def choose_gl_backend() -> None:
         return
     if ctypes.util.find_library("EGL"):
         os.environ["MUJOCO_GL"] = "egl"
+
+
+def close_at_exit(renderer: Any) -> None:
+    """Close a ``mujoco.Renderer`` that is still open when the interpreter ends; by itself it would be too late.
+
+    Call it when the renderer is made: EGL has then registered its own end, and what registers later ends earlier.
+    """
+    _open.add(renderer)
+    atexit.unregister(_close_all)
+    atexit.register(_close_all)
+
+
+def _close_all() -> None:
+    for renderer in list(_open):
+        renderer.close()

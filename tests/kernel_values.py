@@ -61,9 +61,8 @@ def main() -> None:
         count = exact_rows(*ahead, bound, 1e-3, 0.0, now, L, S, owner, target)
         keep("rows", L[:count])
         keep("right", S[:count])
-        floats, active = scratch(n)
         out = np.zeros(n)
-        _, left = project_rows(jerk, L, S, count, -bound, bound, np.eye(n), floats, active, out)
+        _, left = project_rows(jerk, L, S, count, -bound, bound, np.eye(n), *scratch(n, count), out)
         keep("projection left", left)
         if left < 1e-9:
             keep("projection", out)

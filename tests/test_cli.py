@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -11,9 +12,10 @@ import pytest
 
 from jssa_gym import plots
 from jssa_gym.cli import main
+from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.files import write_json
 from jssa_gym.envs import TASKS
-from jssa_gym.evaluation import Summary
+from jssa_gym.evaluation import Summary, benchmark
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
 from jssa_gym.exceptions import MissingExtraError
 from jssa_gym.policies import POLICIES
@@ -62,7 +64,9 @@ def test_demo_writes_its_files_and_prints_a_table(tmp_path):
     assert "JSSAShield" in run.stdout
     assert "min distance" in run.stdout
     assert sorted(path.name for path in (tmp_path / "deep" / "out").iterdir()) == ["metrics.json", "profile.png"]
-    check_metrics(tmp_path / "deep" / "out" / "metrics.json")
+    summaries = check_metrics(tmp_path / "deep" / "out" / "metrics.json")
+    (changed,) = (line for line in run.stdout.splitlines() if "steps changed" in line)
+    assert re.findall(r"[\d.]+ %", changed) == [f"{100.0 * s['intervention_rate']:.1f} %" for s in summaries]
     assert (tmp_path / "deep" / "out" / "profile.png").read_bytes().startswith(b"\x89PNG")
     assert "profile.png" in run.stderr
 
@@ -303,6 +307,35 @@ def test_bench_measures_everything_and_agrees_with_mujoco():
     for word in ("filter.decide", "osqp", "env.step, shielded", "mj_geomDistance", "projection alone"):
         assert word in names
     assert all(0.0 < timing["median"] <= timing["p99"] for timing in timings)
+
+
+@pytest.mark.parametrize(
+    ("installed", "clone", "said"),
+    [
+        (False, True, "no times of CBFpy: cbfpy is not installed; pip install cbfpy"),
+        (True, False, "no times of CBFpy: benchmarks/cbfpy_peer.py is not part of an installed package"),
+        (False, False, "run jssa-gym bench in a clone"),
+        (True, True, ""),
+    ],
+)
+def test_bench_says_why_cbfpy_is_missing(monkeypatch, capsys, tmp_path, installed, clone, said):
+    """The measurements stand still: this is about what the command says of the one it cannot make."""
+    for name in ("time_decisions", "time_projectors", "time_distances"):
+        monkeypatch.setattr(benchmark, name, lambda *arguments: [])
+    monkeypatch.setattr(benchmark, "record_scenes", lambda *arguments: (None, None, None))
+    monkeypatch.setattr(benchmark, "time_steps", lambda make, name, steps: benchmark.Timing(name, 1e-6, 2e-6, 1))
+    peer = tmp_path / "cbfpy_peer.py"
+    if clone:
+        peer.write_text("print('times of another')")
+    monkeypatch.setattr(benchmark, "_CBFPY", peer)
+    monkeypatch.setattr(benchmark.importlib.util, "find_spec", lambda name: object() if installed else None)
+    Bench(compile=False).run()
+    out, err = capsys.readouterr()
+    assert "env.step" in out
+    lines = [line for line in err.splitlines() if "CBFpy" in line]
+    assert len(lines) == (said != "")
+    assert said in err
+    assert ("times of another" in out) == (said == "")
 
 
 def test_stress_counts_and_the_same_command_adds_nothing(tmp_path):

@@ -83,6 +83,16 @@ def test_gymnasium_finds_nothing_in_the_shielded_ids(name):
         check_env(gym.make(name), skip_render_check=True)
 
 
+@pytest.mark.gl
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasium_finds_nothing_when_it_draws_either(monkeypatch, name):
+    monkeypatch.setitem(ArmEnv.metadata, "render_modes", ["rgb_array"])  # no window opens, even where one could
+    env = gym.make(name)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*is different from the unwrapped version")
+        check_env(env if "Shielded" in name else env.unwrapped)
+
+
 @pytest.mark.parametrize("name", IDS)
 def test_stable_baselines3_finds_nothing_to_complain_about(name):
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="stable_baselines3 is not installed")
@@ -1138,6 +1148,21 @@ def test_a_picture_shows_arm_and_person():
     alone.step(np.zeros(6))
     assert alone.unwrapped.render().std() > 10.0
     alone.close()
+
+
+@pytest.mark.gl
+def test_an_environment_that_nobody_closes_ends_quietly():
+    """Renderers that the interpreter's end would find open are closed before the OpenGL backend is."""
+    script = (
+        "import gymnasium as gym, jssa_gym\n"
+        "kept = [gym.make('jssa_gym/Home-v0', human='none', render_mode='rgb_array') for _ in range(3)]\n"
+        "for env in kept:\n"
+        "    env.reset(seed=0)\n"
+        "    env.render()\n"
+        "kept[0].close()\n"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "Traceback" not in run.stderr
 
 
 @pytest.mark.gl

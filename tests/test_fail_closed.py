@@ -4,6 +4,7 @@ import copy
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -134,7 +135,7 @@ def test_a_projection_without_a_solution_brakes(projector: str, monkeypatch: pyt
 def test_an_unsolvable_projection_does_not_answer_with_the_nominal() -> None:
     nominal, out = np.full(3, 0.5), np.zeros(3)
     L, S = np.full((2, 3), np.nan), np.ones(2)
-    feasible, left = project_rows(nominal, L, S, 2, -np.ones(3), np.ones(3), np.eye(3), *scratch(3), out)
+    feasible, left = project_rows(nominal, L, S, 2, -np.ones(3), np.ones(3), np.eye(3), *scratch(3, 2), out)
     assert not feasible
     assert np.isnan(left)
     np.testing.assert_array_equal(out, np.zeros(3))
@@ -145,7 +146,7 @@ def test_an_infinite_row_is_not_projected_onto(where: str) -> None:
     L, S, out = np.eye(2, 3), np.full(2, 0.5), np.zeros(3)
     (L if where == "L" else S)[(1, 0) if where == "L" else 1] = np.inf
     bound = np.ones(3)
-    feasible, left = project_rows(-0.9 * bound, L, S, 2, -bound, bound, np.eye(3), *scratch(3), out)
+    feasible, left = project_rows(-0.9 * bound, L, S, 2, -bound, bound, np.eye(3), *scratch(3, 2), out)
     assert not feasible
     assert np.isnan(left)
     np.testing.assert_array_equal(out, np.zeros(3))
@@ -154,7 +155,7 @@ def test_an_infinite_row_is_not_projected_onto(where: str) -> None:
 def test_a_nominal_that_is_no_number_is_not_projected() -> None:
     L, S, out, bound = np.eye(2, 3), np.full(2, 0.5), np.zeros(3), np.ones(3)
     nominal = np.array([0.0, 0.0, np.nan])
-    feasible, left = project_rows(nominal, L, S, 2, -bound, bound, np.eye(3), *scratch(3), out)
+    feasible, left = project_rows(nominal, L, S, 2, -bound, bound, np.eye(3), *scratch(3, 2), out)
     assert not feasible
     assert np.isnan(left)
     np.testing.assert_array_equal(out, np.zeros(3))
@@ -166,7 +167,7 @@ def test_one_hopeless_row_does_not_switch_off_the_others() -> None:
     L = np.array([[1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 5e-3, 0.0, 0.0]])
     S = np.array([1.0, 0.1])
     nominal = np.array([0.0, 0.0, 0.0, -60.0, 0.0, 0.0])
-    feasible, left = project_rows(nominal, L, S, 2, lower, upper, np.eye(6), *scratch(6), out)
+    feasible, left = project_rows(nominal, L, S, 2, lower, upper, np.eye(6), *scratch(6, 2), out)
     assert not feasible
     assert left == pytest.approx(1.0 - 3 * 0.06, rel=1e-6)
     np.testing.assert_allclose(out[:3], 60.0, rtol=1e-6)
@@ -261,14 +262,72 @@ def test_a_used_osqp_filter_can_be_copied() -> None:
     np.testing.assert_array_equal(again.jerk, decision.jerk)
 
 
-def test_the_first_compilation_is_announced(tmp_path) -> None:
-    source = "import gymnasium as gym, jssa_gym; gym.make('jssa_gym/Home-v0', human='none')"
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+SHIELD_LATER = """
+import sys
+from pathlib import Path
+import gymnasium as gym, jssa_gym
+from jssa_gym.kernels.tick import tick
 
-    def once() -> str:
-        run = subprocess.run(
-            [sys.executable, "-c", source], env=environment, capture_output=True, text=True, check=True
-        )
-        return run.stderr
+def compiled(kernel):  # as numba leaves it
+    folder = Path(kernel.stats.cache_path)
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = Path(kernel.py_func.__code__.co_filename).stem
+    (folder / f"{stem}.{kernel.__name__}-{kernel.py_func.__code__.co_firstlineno}.py311.nbi").touch()
 
-    assert once().startswith("Compiling kernels once")
+def said(what):
+    print(what, file=sys.stderr)
+
+said("bare")
+env = gym.make("jssa_gym/Home-v0", human="none")
+said("again")
+jssa_gym.JSSAShield(gym.make("jssa_gym/Reach-v0"))
+compiled(tick)
+said("shield")
+jssa_gym.JSSAShield(env)
+said("more shields")
+jssa_gym.JSSAShield.as_published(env)
+"""
+SMALL_KERNELS = """
+import sys
+import numpy as np
+from jssa_gym.kernels.compiled import announce_compilation
+from jssa_gym.kernels.vector import along, cross, dot
+for kernel in (dot, cross):
+    announce_compilation(kernel)
+    print("called", file=sys.stderr)
+dot(np.ones(3), np.ones(3))
+announce_compilation(along)
+"""
+SHIELDED = """
+import gymnasium as gym, numpy as np, jssa_gym
+from jssa_gym.cli.demo import paper_scene
+for shield in (jssa_gym.JSSAShield, jssa_gym.JSSAShield.as_published):
+    env = shield(gym.make("jssa_gym/Home-v0", human=paper_scene(0.8), terminate_on=()))
+    env.reset(seed=0)
+    while not env.step(np.zeros(6, np.float32))[-1]["shield/intervened"]:
+        pass
+"""
+ANNOUNCED = "Compiling kernels once"
+
+
+def said(source: str, cache: Path | None = None) -> list[str]:
+    """What a new process writes to stderr, the path of its cache left out."""
+    environment = {**os.environ} if cache is None else {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    run = subprocess.run([sys.executable, "-c", source], env=environment, capture_output=True, text=True, check=True)
+    return [ANNOUNCED if line.startswith(ANNOUNCED) else line for line in run.stderr.splitlines()]
+
+
+def test_the_first_compilation_is_announced_by_whoever_needs_it(tmp_path) -> None:
+    """Once a start, and again where more than that start compiled is needed later."""
+    assert said(SHIELD_LATER, tmp_path) == ["bare", ANNOUNCED, "again", "shield", ANNOUNCED, "more shields"]
+    assert said(SHIELD_LATER, tmp_path) == ["bare", "again", ANNOUNCED, "shield", "more shields"]
+
+
+def test_a_compilation_is_announced_while_it_is_ahead(tmp_path) -> None:
+    assert said(SMALL_KERNELS, tmp_path) == [ANNOUNCED, "called", "called", ANNOUNCED]
+    assert said(SMALL_KERNELS, tmp_path) == ["called", ANNOUNCED, "called"]
+
+
+def test_nothing_is_announced_once_all_is_cached() -> None:
+    said(SHIELDED)
+    assert said(SHIELDED) == []

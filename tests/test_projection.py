@@ -58,9 +58,9 @@ def one_row(nominal, row, right, lower, upper, weight):
 def many_rows(nominal, L, S, lower, upper, V):
     n = len(nominal)
     out = np.full(n, np.nan)
-    floats, active = scratch(n)
-    floats[:], active[:] = np.nan, -7  # what the last problem left in it must not matter
-    feasible, left = project_rows(nominal, L, S, len(S), lower, upper, np.linalg.inv(V), floats, active, out)
+    floats, active, relief = scratch(n, len(S))
+    floats[:], active[:], relief[:] = np.nan, -7, np.nan  # what the last problem left in it must not matter
+    feasible, left = project_rows(nominal, L, S, len(S), lower, upper, np.linalg.inv(V), floats, active, relief, out)
     return out, feasible, left
 
 
@@ -378,12 +378,11 @@ import numpy as np
 from jssa_gym.kernels.projection import project_rows, scratch
 rng = np.random.default_rng(10)
 for n in (1, 2, 3, 6, 7, 9):
-    floats, active = scratch(n)
     for m in (0, 1, 4, 12):
         for S in (rng.normal(size=m), np.full(m, 1e3)):
             upper = rng.uniform(20.0, 200.0, n)
             nominal, L = 2.0 * rng.uniform(-upper, upper), rng.normal(size=(m, n))
-            project_rows(nominal, L, S, m, -upper, upper, np.eye(n), floats, active, np.empty(n))
+            project_rows(nominal, L, S, m, -upper, upper, np.eye(n), *scratch(n, m), np.empty(n))
 """
 
 
@@ -397,6 +396,40 @@ def test_no_kernel_writes_behind_its_scratch():
         check=False,
     )
     assert run.returncode == 0, run.stderr
+
+
+ALLOCATIONS = """
+import numpy as np
+from numba.core.registry import cpu_target
+from numba.core.runtime import rtsys
+from jssa_gym.kernels.projection import project_rows, scratch
+rtsys.initialize(cpu_target.target_context)
+rng, bound, memory = np.random.default_rng(11), np.ones(6), scratch(6, 8)
+L = rng.normal(size=(8, 6))
+def allocations(S, expected):
+    nominal, out = rng.uniform(-bound, bound), np.empty(6)
+    before = rtsys.get_allocation_stats().alloc
+    feasible, _ = project_rows(nominal, L, S, 8, -bound, bound, np.eye(6), *memory, out)
+    assert feasible == expected
+    return rtsys.get_allocation_stats().alloc - before
+possible, hopeless = L @ np.full(6, 0.5), np.full(8, 1e3)
+allocations(possible, True)
+print(allocations(possible, True), allocations(hopeless, False))
+"""
+
+
+def test_rows_that_exclude_each_other_cost_no_memory():
+    """Whatever the rows are, nothing is allocated but what handing arrays to a kernel takes."""
+    run = subprocess.run(
+        [sys.executable, "-c", ALLOCATIONS],
+        env={**os.environ, "NUMBA_NRT_STATS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    possible, hopeless = run.stdout.split()
+    assert possible == hopeless
 
 
 @pytest.mark.parametrize("name", PROJECTORS)
@@ -613,8 +646,27 @@ def test_bad_weights_are_refused(name, weight):
 # ---- a solver that fails ---------------------------------------------------------------------------------
 
 
+SOLVE = osqp.OSQP.solve
+
+
 def answer(x):
-    return lambda self, *arguments, **options: SimpleNamespace(x=x)
+    return lambda self, *arguments, **options: SimpleNamespace(x=x, y=None)
+
+
+def corner(self, *arguments, **options):
+    """Answers another question: a corner of rows and box, nearest to a nominal far away, with its multipliers."""
+    self.update(q=np.full(6, 5.0))
+    return SOLVE(self, *arguments, **options)
+
+
+def with_multipliers(change):
+    """The right jerk, but its multipliers prove nothing."""
+
+    def solve(self, *arguments, **options):
+        found = SOLVE(self, *arguments, **options)
+        return SimpleNamespace(x=found.x, y=change(found.y))
+
+    return solve
 
 
 def raising(error):
@@ -631,6 +683,12 @@ FAULTS = {
     "nothing": ("solve", answer(None), "no finite answer"),
     "wrong, called solved": ("solve", answer(np.zeros(6)), "osqp left"),
     "far outside the box": ("solve", answer(np.full(6, -1e9)), "osqp left"),
+    "feasible but not nearest": ("solve", corner, "osqp may be"),
+    "multipliers of the wrong sign": ("solve", with_multipliers(np.negative), "osqp may be"),
+    "multipliers too small": ("solve", with_multipliers(lambda y: 0.9 * y), "osqp may be"),
+    "huge multipliers": ("solve", with_multipliers(lambda y: np.full_like(y, 1e200)), "osqp may be"),
+    "infinite multipliers": ("solve", with_multipliers(lambda y: np.full_like(y, np.inf)), "no finite multipliers"),
+    "no multipliers": ("solve", with_multipliers(lambda y: None), "no finite multipliers"),
     "exception": ("solve", raising(RuntimeError("solver died")), "osqp raised RuntimeError"),
     "out of memory": ("solve", raising(MemoryError()), "osqp raised MemoryError"),
     "update fails": ("update", raising(ValueError("bad data")), "osqp raised ValueError"),
@@ -669,6 +727,37 @@ def test_a_failing_solver_is_never_trusted(monkeypatch, fault, rows):
     after = projector.project(nominal, HalfSpaces(L, S), lower, upper)
     assert after.note == ""
     np.testing.assert_allclose(after.jerk, exact.jerk, rtol=0, atol=1e-2)
+
+
+@pytest.mark.filterwarnings(OSQP_WARNING)
+def test_what_osqp_may_answer_is_near_the_nearest(monkeypatch):
+    """However far the answer is moved into the feasible set: what passes without a note is as near as promised."""
+    rng = np.random.default_rng(15)
+    root = rng.normal(size=(6, 6))
+    weight = root @ root.T + np.eye(6)
+    projector, exact, passed = OSQPProjector(6, weight), ExactProjector(6, weight), []
+    moved = np.zeros(6)
+
+    def towards(self, *arguments, **options):
+        found = SOLVE(self, *arguments, **options)
+        return SimpleNamespace(x=(1.0 - share) * found.x + share * moved, y=found.y)
+
+    monkeypatch.setattr(osqp.OSQP, "solve", towards)
+    for _ in range(25):
+        lower, upper = box(rng, 6)
+        L, S = feasible_rows(rng, lower, upper, int(rng.integers(1, 12)))
+        rows, unit = HalfSpaces(L, S), np.max(np.abs([lower, upper]))
+        nominal, other = (1.3 * rng.uniform(lower, upper) for _ in range(2))
+        nearest = exact.project(nominal, rows, lower, upper).jerk
+        moved = exact.project(other, rows, lower, upper).jerk / unit
+        for share in (0.0, 1e-6, 1e-4, 1e-2, 1.0):
+            found = projector.project(nominal, rows, lower, upper)
+            if not found.note:
+                off = (found.jerk - nearest) / unit
+                assert np.sqrt(off @ weight @ off / (np.trace(weight) / 6)) <= projector.nearness
+                passed.append(share)
+    assert min(passed.count(share) for share in (0.0, 1e-6)) >= 10
+    assert passed.count(1.0) <= 2  # the nominal's and the other's nearest can be one corner
 
 
 def test_a_failing_solver_and_conflicting_rows(monkeypatch):

@@ -252,6 +252,9 @@ def test_limits_are_copied():
 # ---- what is refused -------------------------------------------------------------------------------------
 
 CAPSULE_GEOM = 'type="capsule" group="3" size=".05" fromto="0 0 0 0 0 .3"'
+WRAPPED = '<joint joint="one" coef="1"/><joint joint="two" coef="-1"/>'
+FREE = f"<fixed>{WRAPPED}</fixed>"
+TIED = '<spatial range="0 .2"><site site="hook"/><site site="eye"/></spatial>'
 REFUSED = {
     "slide joint": (arm_xml(joints='<joint name="rail" type="slide"/>'), r"joint 'rail'.*slide.*hinge"),
     "ball joint": (
@@ -260,20 +263,27 @@ REFUSED = {
     ),
     "free joint": (arm_xml(joints='<freejoint name="float"/>'), r"joint 'float'.*free.*hinge"),
     "unlimited joint": (arm_xml(joints='<joint name="spin" limited="false"/>'), r"joint 'spin' has no range"),
+    "unnamed unlimited joint": (arm_xml(joints='<joint limited="false"/>'), r"^joint 0 has no range"),
+    "unnamed slide joint": (arm_xml(joints='<joint name="one"/><joint type="slide"/>'), r"^joint 1 is of type slide"),
+    "unnamed branch": (
+        arm_xml(geom='<geom name="tube" {}/><body name="other"><joint/><geom size=".1"/></body>'),
+        r"^joint 'two' does not follow joint 1 in",
+    ),
     "branching chain": (
         arm_xml(
             geom='<geom name="tube" {}/><body name="other"><joint name="side"/><geom size=".1"/></body>',
         ),
-        r"joint 'two' does not follow 'side'",
+        r"joint 'two' does not follow joint 'side'",
     ),
     "two arms": (
         arm_xml(more='<body name="first"><joint name="zero"/><geom size=".1"/></body>'),
-        r"joint 'one' does not follow 'zero'",
+        r"joint 'one' does not follow joint 'zero'",
     ),
     "box": (
         arm_xml(inside='<geom name="brick" type="box" group="3" size=".1 .1 .1"/>'),
         r"geom 'brick'.*box",
     ),
+    "unnamed box": (arm_xml(inside='<geom type="box" group="3" size=".1 .1 .1"/>'), r"^geom 2 in group 3 is a box"),
     "cylinder": (
         arm_xml(inside='<geom name="can" type="cylinder" group="3" size=".1 .1"/>'),
         r"geom 'can'.*cylinder",
@@ -290,9 +300,25 @@ REFUSED = {
         '<mujoco><worldbody><body><geom size=".1"/></body></worldbody></mujoco>',
         r"no joint",
     ),
-    "equality constraint": (
-        arm_xml(extra='<equality><joint joint1="one" joint2="two"/></equality>'),
-        r"equality constraints",
+    "coupled joints": (
+        arm_xml(extra='<equality><joint name="belt" joint1="one" joint2="two"/></equality>'),
+        r"^equality 'belt' constrains joint 'one' and joint 'two'",
+    ),
+    "locked joint": (
+        arm_xml(extra='<equality><joint joint1="two"/></equality>'),
+        r"^equality 0 constrains joint 'two';",
+    ),
+    "closed chain": (
+        arm_xml(extra='<equality><connect name="rod" body1="upper" anchor="0 0 0"/></equality>'),
+        r"^equality 'rod' constrains body 'upper' and body 'world'",
+    ),
+    "tendon with a range": (
+        arm_xml(extra=f'<tendon><fixed name="cable" limited="true" range="-1 1">{WRAPPED}</fixed></tendon>'),
+        r"^tendon 'cable' has a range.* joint 'one' and joint 'two'",
+    ),
+    "unnamed tendon between sites": (
+        arm_xml(more='<site name="hook"/>', inside='<site name="eye"/>', extra=f"<tendon>{FREE}{TIED}</tendon>"),
+        r"^tendon 1 has a range.* site 'hook' and site 'eye'",
     ),
     "tool on the base": (arm_xml(more='<site name="tcp"/>'), r"site 'tcp' does not move"),
     "not XML": ("<mujoco><worldbody>", r"tiny\.xml does not compile"),
@@ -307,6 +333,11 @@ def test_refused_descriptions_name_the_culprit(tmp_path, case):
     xml, message = REFUSED[case]
     with pytest.raises(RobotModelError, match=message):
         read(tmp_path, xml)
+
+
+def test_a_tendon_without_a_range_constrains_nothing(tmp_path):
+    """It only pulls; where the joints can be is still what their ranges say."""
+    assert read(tmp_path, arm_xml(extra=f"<tendon>{FREE}</tendon>")).joint_names == ("one", "two")
 
 
 def test_refusals_are_this_package_s_errors():

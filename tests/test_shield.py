@@ -786,7 +786,7 @@ def test_the_index_condition_is_the_published_one():
 
 class _Answer:
     def __init__(self, x):
-        self.x = x
+        self.x, self.y = x, None
 
 
 def _raise(error):
@@ -816,7 +816,6 @@ SABOTAGE = {
 @pytest.mark.parametrize("how", list(SABOTAGE))
 def test_a_sabotaged_solver_is_still_safe(robot, random_scene, how):
     exact, osqp = JSSAFilter(robot, DT), JSSAFilter(robot, DT, projector="osqp")
-    repaired = 0
     for scene, nominal, decision in statuses(
         exact, random_scene, {Status.PROJECTED: 8, Status.RELAXED: 2}, motion=0.25, seed=8
     ):
@@ -827,13 +826,9 @@ def test_a_sabotaged_solver_is_still_safe(robot, random_scene, how):
         check_decision(other, osqp)
         assert other.status == decision.status
         assert other.slack == pytest.approx(decision.slack, rel=1e-6, abs=TOLERANCE)
-        if "repaired" in other.reason:
-            repaired += 1
-            np.testing.assert_allclose(other.jerk / JERK, decision.jerk / JERK, atol=1e-6)
-        else:
-            # it happened to keep all rows; a solver's distance from the nominal is not looked at
-            assert how in ("zeros", "far outside")
-    assert repaired >= 2
+        # nor is it believed where it happens to keep all rows: it is not the nearest jerk that does
+        assert "repaired" in other.reason
+        np.testing.assert_allclose(other.jerk / JERK, decision.jerk / JERK, atol=1e-6)
 
 
 def test_a_solver_that_cannot_be_set_up_is_replaced(robot, random_scene, monkeypatch):

@@ -62,6 +62,8 @@ class Bench:
             done("cbfpy, if it is installed")
             peer = benchmark.cbfpy_report()
             done("")
+        if missing := benchmark.cbfpy_missing():
+            Console(stderr=True).print(f"no times of CBFpy: {missing}", markup=False, highlight=False, soft_wrap=True)
         if self.json:
             result: dict[str, Any] = {"timings": [dataclasses.asdict(t) for t in timings], "cbfpy": peer}
             if first:

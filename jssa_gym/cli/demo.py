@@ -140,6 +140,7 @@ def _table(summaries: list[Summary]) -> Table:
     row("first trigger", lambda s: moment(s.first_trigger))
     row("last trigger", lambda s: moment(s.last_trigger))
     row("active", lambda s: f"{s.active_duration:.3f} s")
+    row("steps changed", lambda s: f"{100.0 * s.intervention_rate:.1f} %")
     row("activations", lambda s: str(s.n_activations))
     row("peak joint speed / limit", lambda s: f"{s.speed_limit_ratio:.2f}")
     row("peak jerk / bound", lambda s: f"{s.jerk_limit_ratio:.2f}")

@@ -20,7 +20,7 @@ from jssa_gym.headless import has_display
 from jssa_gym.humans import HumanMotion, make_human, nobody
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
-from jssa_gym.kernels.tick import fill_observation
+from jssa_gym.kernels.tick import fill_observation, tick
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.action import checked_action
 from jssa_gym.types import Array, CapsuleSet, JointState, Scene
@@ -57,7 +57,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         height: int = 480,
     ) -> None:
         check_arguments(dynamics, terminate_on, render_mode, width, height)
-        announce_compilation()
+        announce_compilation(tick)
         self.planes = planes_of(scene)
         self.task = make_task(task)
         self.robot = make_robot(robot)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import DisplayError, RobotModelError
-from jssa_gym.headless import choose_gl_backend, has_display
+from jssa_gym.headless import choose_gl_backend, close_at_exit, has_display
 from jssa_gym.robots import RobotModel
 from jssa_gym.robots.model import COLLISION_GROUP
 from jssa_gym.types import Array, CapsuleSet, Planes
@@ -116,6 +116,7 @@ class World:
                     "no OpenGL backend for pictures; install EGL (libegl1) and set MUJOCO_GL=egl before "
                     f"importing mujoco ({error})"
                 ) from error
+            close_at_exit(self._renderer)
         self.pose(position)
         option = mujoco.MjvOption()
         option.geomgroup[COLLISION_GROUP] = self._show_capsules

@@ -181,7 +181,7 @@ def _grant(gap, size, active, rate, first, S, count, least, others, decides, gra
 
 
 @jit
-def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors, active, out):
+def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors, active, relief, out):
     r"""Nearest jerk that keeps rows and box, or that violates the rows least.
 
     Constraint after constraint is added, most violated first; one that blocks with a vanishing multiplier is dropped.
@@ -204,6 +204,7 @@ def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors,
         R: Scratch, shape (≥ n, ≥ n).
         vectors: Scratch, shape (≥ 4, ≥ n + 1).
         active: Scratch, int64, shape (≥ n + 1,).
+        relief: Scratch, shape (2, ≥ count).
         out: Result, shape (n,) [rad/s³]; to be clipped to the box.
 
     Returns:
@@ -212,7 +213,7 @@ def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors,
     n = nominal.shape[0]
     multiplier, rate, d, u = vectors[0], vectors[1], vectors[2], vectors[3]
     used, stale, found = np.int64(0), True, False
-    # arrays of their own from the first conflict on: what is left of S, and 1 for the rows that decide about `least`
+    # memory of their own from the first conflict on: what is left of S, and 1 for the rows that decide about `least`
     granted, decides, least, others, level = S, S, 0.0, 0.0, 0
     for _ in range(50 * (count + 2 * n)):
         if stale:
@@ -237,7 +238,9 @@ def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors,
         stale = gap > 0.0
         if stale:
             if level == 0:
-                level, granted, decides = 1, np.zeros(count), np.zeros(count)
+                level, granted, decides = 1, relief[0], relief[1]
+                for i in range(count):
+                    decides[i] = 0.0
             least, others = _grant(gap, used + 1, active, rate, level == 1, S, count, least, others, decides, granted)
             if not (least < np.inf):
                 break

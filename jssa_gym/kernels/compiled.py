@@ -1,21 +1,42 @@
-"""Tells the user about the one slow start: compiling the kernels."""
+"""Tells the user about slow starts: compiling the kernels."""
 
-import functools
 import logging
+from pathlib import Path
+from typing import Any
 
 from numba import config
 
 from jssa_gym.kernels.jit import CACHE_DIRECTORY
 
 _logger = logging.getLogger("jssa_gym")
+_announced: list[Any] = []
+_cached: set[Any] = set()
 
 
-@functools.cache
-def announce_compilation() -> None:
-    """Log, before a first use, that kernels are going to be compiled; silent once they are cached."""
-    if config.DISABLE_JIT:
+def announce_compilation(kernel: Any) -> None:
+    """Log that kernels are going to be compiled; silent once they are cached, or while that has been said already.
+
+    Args:
+        kernel: What takes longest of all that the caller will need, and is compiled last.
+    """
+    if config.DISABLE_JIT or _is_cached(kernel) or not all(_is_cached(other) for other in _announced):
         return
+    _announced.append(kernel)
     if CACHE_DIRECTORY is None:
         _logger.warning("Compiling kernels; no cache directory is writable, so every start will (about half a minute).")
-    elif not any(CACHE_DIRECTORY.rglob("*.nbi")):
-        _logger.warning("Compiling kernels once for this version, about half a minute; cached in %s.", CACHE_DIRECTORY)
+    else:
+        _logger.warning(
+            "Compiling kernels once for this version when they are first needed, about half a minute; cached in %s.",
+            CACHE_DIRECTORY,
+        )
+
+
+def _is_cached(kernel: Any) -> bool:
+    """Whether numba keeps machine code of this kernel on disk, for whatever arguments."""
+    if kernel not in _cached:
+        folder = kernel.stats.cache_path
+        name = f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.__name__}"
+        if folder is None or not any(Path(folder).glob(f"{name}-*.nbi")):
+            return False
+        _cached.add(kernel)
+    return True

@@ -15,10 +15,10 @@ _TOLERANCE = 1e-10
 """Violation that counts as rounding, not as infeasibility, relative to the larger of 1 m² and S."""
 
 
-def scratch(n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Memory for :func:`project_rows` with n joints."""
+def scratch(n: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Memory for :func:`project_rows` with n joints and up to ``count`` rows."""
     size = max(n + 2, 8)
-    return np.zeros((3, size, size)), np.zeros(size, np.int64)
+    return np.zeros((3, size, size)), np.zeros(size, np.int64), np.zeros((2, count))
 
 
 @jit
@@ -157,7 +157,7 @@ def _root(inverse_weight, scale, root):
 
 
 @jit
-def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, active, out):
+def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, active, relief, out):
     r"""Project onto many half-spaces and the box: dual active set; least violation when they exclude each other.
 
     If rows and box have no common point, the largest violation is made as small as possible; among the jerks with
@@ -172,6 +172,7 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
         inverse_weight: Inverse of V, symmetric positive definite, shape (n, n).
         floats: Scratch, shape (3, N, N) with N ≥ max(n + 2, 8); see :func:`scratch`.
         active: Scratch, int64, shape (N,).
+        relief: Scratch, shape (2, ≥ count).
         out: Result, shape (n,) [rad/s³].
 
     Returns:
@@ -195,7 +196,7 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
         finite = finite and S[i] < np.inf
         for k in range(n):
             finite = finite and np.isfinite(L[i, k])
-    if finite and nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors, active, out):
+    if finite and nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors, active, relief, out):
         clip(out, lower, upper, out)
         left = violation(L, S, count, out)
         return left <= tolerance, left

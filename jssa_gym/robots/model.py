@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from jssa_gym.exceptions import RobotModelError
 from jssa_gym.headless import choose_gl_backend
 from jssa_gym.kernels.records import CAPSULE, LINK, records
+from jssa_gym.robots.serial import called, serial_joints
 from jssa_gym.types import Array
 
 if TYPE_CHECKING:
@@ -149,7 +150,7 @@ class RobotModel:
         except ValueError as error:
             raise RobotModelError(f"{path.name} does not compile: {error}") from error
 
-        joints = _serial_joints(model)
+        joints = serial_joints(model)
         links, anchors = _links(model, joints)
         limits = JointLimits(
             _frozen([model.jnt_range[j] for j in joints]), _frozen(velocity), _frozen(acceleration), _frozen(jerk)
@@ -181,35 +182,6 @@ class RobotModel:
 
 def _model_name(model: "mujoco.MjModel") -> str:
     return bytes(model.names).split(b"\0", 1)[0].decode()
-
-
-def _serial_joints(model: "mujoco.MjModel") -> list[int]:
-    """Joint ids from base to tip; refuses everything but one chain of limited hinges."""
-    import mujoco
-
-    if model.njnt == 0:
-        raise RobotModelError("the model has no joint; expected a serial arm of hinge joints")
-    for j in range(model.njnt):
-        joint = model.joint(j)
-        kind = mujoco.mjtJoint(model.jnt_type[j])
-        if kind != mujoco.mjtJoint.mjJNT_HINGE:
-            raise RobotModelError(
-                f"joint '{joint.name}' is of type {kind.name[6:].lower()}; only hinge joints can be modelled"
-            )
-        if not model.jnt_limited[j]:
-            raise RobotModelError(f"joint '{joint.name}' has no range; every joint needs position limits")
-    for j in range(1, model.njnt):
-        body, before = model.jnt_bodyid[j], model.jnt_bodyid[j - 1]
-        while body not in (before, 0):
-            body = model.body_parentid[body]
-        if body != before:
-            raise RobotModelError(
-                f"joint '{model.joint(j).name}' does not follow '{model.joint(j - 1).name}' in one chain; "
-                "only serial arms can be modelled"
-            )
-    if model.neq:
-        raise RobotModelError("the model has equality constraints; closed chains cannot be modelled")
-    return list(range(model.njnt))
 
 
 def _rotation(quaternion: Array) -> Array:
@@ -274,17 +246,17 @@ def _capsules(
     for g in range(model.ngeom):
         if model.geom_group[g] != COLLISION_GROUP:
             continue
-        name = model.geom(g).name or f"geom {g}"
+        geom = called(model, mujoco.mjtObj.mjOBJ_GEOM, g)
         kind, body = mujoco.mjtGeom(model.geom_type[g]), int(model.geom_bodyid[g])
         if kind not in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE):
             raise RobotModelError(
-                f"geom '{name}' in group {COLLISION_GROUP} is a {kind.name[7:].lower()}; "
+                f"{geom} in group {COLLISION_GROUP} is a {kind.name[7:].lower()}; "
                 "collision geoms have to be capsules or spheres"
             )
         link = link_of_body[body]
         if link < 0:
             raise RobotModelError(
-                f"geom '{name}' in group {COLLISION_GROUP} does not move with any joint; "
+                f"{geom} in group {COLLISION_GROUP} does not move with any joint; "
                 "enclose the base in a capsule of the first link"
             )
         half = model.geom_size[g][1] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
@@ -293,7 +265,7 @@ def _capsules(
         start = _carried_to(model, body, link, anchors, model.geom_pos[g] - along)
         end = _carried_to(model, body, link, anchors, model.geom_pos[g] + along)
         rows.append((start, end, model.geom_size[g][0], link))
-        names.append(name)
+        names.append(model.geom(g).name or f"geom {g}")
         bodies.append(body)
     if not rows:
         raise RobotModelError(

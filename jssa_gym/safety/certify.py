@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.kernels.compiled import announce_compilation
+from jssa_gym.kernels.feasibility import probe
 from jssa_gym.rates import Rate
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.boundary import KEPT, Boundary, BoundaryState, Domain
@@ -172,7 +173,7 @@ def certify(
         known_name("capsule", name, model.capsule_names)
     states, jobs = positive_integer("states", states), positive_integer("jobs", jobs)
     seed, dt = whole_number("seed", seed), positive_number("dt", dt)
-    announce_compilation()
+    announce_compilation(probe)
     links = [Boundary(model, index, name, domain, dt) for name in dict.fromkeys(names)]
     chunks = [
         Chunk(link, k, min(_CHUNK, states - k * _CHUNK), seed) for k in range(-(-states // _CHUNK)) for link in links

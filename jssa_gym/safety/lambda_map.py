@@ -9,6 +9,7 @@ import numpy as np
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
+from jssa_gym.kernels.feasibility import probe
 from jssa_gym.rates import Rate
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.boundary import Boundary, Domain
@@ -130,7 +131,7 @@ def sweep(
         raise ParameterError(f"grid has to be at least 2, got {grid}")
     seed, dt, d_min = whole_number("seed", seed), positive_number("dt", dt), positive_number("d_min", d_min)
     trigger = domain.distance[1] if trigger is None else positive_number("trigger", trigger)
-    announce_compilation()
+    announce_compilation(probe)
     first = _axis("lambda1", lambda1, grid), _axis("lambda2", lambda2, grid)
     ones, twos = first
     tried: dict[tuple[float, float], Cell] = {}

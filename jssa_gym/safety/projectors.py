@@ -58,7 +58,7 @@ class ExactProjector(Projector):
     def __init__(self, n: int, weight: ArrayLike | None = None) -> None:
         super().__init__(n, weight)
         self._inverse = np.linalg.inv(self.weight)
-        self._floats, self._active = scratch(n)
+        self._scratch = scratch(n, 0)
 
     def project(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array) -> Projection:
         jerk = np.empty(self.n)
@@ -68,21 +68,25 @@ class ExactProjector(Projector):
             # a violation of rounding size is no infeasibility
             kept = left < np.inf and left <= 1e-12 * max(1.0, abs(rows.S[0]))
             return Projection(jerk, kept, max(left, 0.0), "")
-        feasible, left = project_rows(
-            nominal, rows.L, rows.S, count, lower, upper, self._inverse, self._floats, self._active, jerk
-        )
+        if count > self._scratch[2].shape[1]:
+            self._scratch = scratch(self.n, 2 * count)
+        feasible, left = project_rows(nominal, rows.L, rows.S, count, lower, upper, self._inverse, *self._scratch, jerk)
         return Projection(jerk, feasible, left, "")
 
 
 class OSQPProjector(Projector):
     """OSQP, updated in place, started cold, its step size fixed, polished - and never trusted.
 
-    Its status is not looked at. Its jerk is clipped to the box and the violation computed; if more than
-    ``tolerance`` is left, :class:`ExactProjector` answers and the projection's note says so.
+    Its status is not looked at. Its jerk is clipped to the box and the violation computed; its multipliers have to
+    prove that no jerk much nearer to the nominal keeps the rows, too. If more than ``tolerance`` is left or the proof
+    fails by more than ``nearness``, :class:`ExactProjector` answers and the projection's note says so.
     """
 
     tolerance = 1e-9
     """Violation of the rows that is accepted [m²]."""
+    nearness = 1e-3
+    """Distance from the nearest jerk that is accepted, in the metric of V at a mean weight of 1 and in units of the
+    largest bound. Polished answers prove about 1e-8, unpolished ones about 1e-4."""
 
     def __init__(self, n: int, weight: ArrayLike | None = None) -> None:
         super().__init__(n, weight)
@@ -119,6 +123,7 @@ class OSQPProjector(Projector):
             max_iter=4000,
         )
         self._metric = self.weight / mean
+        self._inverse = np.linalg.inv(self._metric)
         self._capacity = capacity
         self._matrix = np.zeros((m, self.n))
         self._lower, self._upper = np.full(m, -np.inf), np.full(m, np.inf)
@@ -126,7 +131,7 @@ class OSQPProjector(Projector):
     def project(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array) -> Projection:
         count = len(rows.S)
         try:
-            jerk = self._solve(nominal, rows, lower, upper, count)
+            jerk, dual = self._solve(nominal, rows, lower, upper, count)
         except Exception as error:  # whatever a solver throws, the arm must go on safely
             return self._repair(nominal, rows, lower, upper, f"osqp raised {type(error).__name__}")
         if jerk is None or jerk.shape != (self.n,) or not np.all(np.isfinite(jerk)):
@@ -135,13 +140,37 @@ class OSQPProjector(Projector):
         left = violation(rows.L, rows.S, count, jerk)
         if not left <= self.tolerance:
             return self._repair(nominal, rows, lower, upper, f"osqp left {left:.1e} m²")
+        if dual is None or dual.shape != self._lower.shape or not np.all(np.isfinite(dual)):
+            return self._repair(nominal, rows, lower, upper, "osqp gave no finite multipliers")
+        unit = _unit(lower, upper)
+        far = self._distance(nominal / unit, jerk / unit, -dual)
+        if not far <= self.nearness:
+            return self._repair(nominal, rows, lower, upper, f"osqp may be {far:.1e} of the largest bound off")
         return Projection(jerk, True, max(left, 0.0), "")
 
-    def _solve(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array, count: int) -> Array | None:
+    def _distance(self, nominal: Array, jerk: Array, push: Array) -> float:
+        r"""Most that a jerk can be from the nearest one, if it keeps rows and box; all in the solver's units.
+
+        Multipliers :math:`\lambda`, whosever they are, bound the objective from below (weak duality); with
+        :math:`w = A^\top \lambda` the jerk's own exceeds that by its residuals of stationarity and complementarity,
+        :math:`|V(u - \bar u) - w|^2_{V^{-1}}/2 + \lambda^\top (A u - b)`, and half the square of its distance from
+        the nearest by no more (strong convexity). What is positive pushes away from a lower side, else from an upper.
+        """
+        side = np.where(push > 0.0, self._lower, self._upper)
+        there = np.isfinite(side)
+        normals, push = self._matrix[there], push[there]
+        with np.errstate(over="ignore", invalid="ignore"):  # no number is no proof
+            slack = np.abs(normals @ jerk - side[there])
+            residual = self._metric @ (jerk - nominal) - normals.T @ push
+            return float(np.sqrt(residual @ self._inverse @ residual + 2.0 * slack @ np.abs(push)))
+
+    def _solve(
+        self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array, count: int
+    ) -> tuple[Array | None, Array | None]:
         if self._solver is None or count > self._capacity:
             self._setup(max(count, 2 * self._capacity, 8))
         # jerks in units of the largest bound, rows of unit length: the solver sees numbers of order one
-        unit = float(np.max(np.abs([lower, upper]))) or 1.0
+        unit = _unit(lower, upper)
         length = np.linalg.norm(rows.L, axis=1)
         length[length == 0.0] = 1.0
         self._matrix[:] = 0.0
@@ -159,11 +188,17 @@ class OSQPProjector(Projector):
         )
         self._solver.warm_start(x=np.zeros(self.n), y=np.zeros(len(self._lower)))
         answer = self._solver.solve(raise_error=False)
-        return None if answer.x is None else np.asarray(answer.x, float) * unit
+        jerk = None if answer.x is None else np.asarray(answer.x, float) * unit
+        return jerk, None if answer.y is None else np.asarray(answer.y, float)
 
     def _repair(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array, why: str) -> Projection:
         jerk, feasible, left, _ = self._exact.project(nominal, rows, lower, upper)
         return Projection(jerk, feasible, left, f"{why}, repaired")
+
+
+def _unit(lower: Array, upper: Array) -> float:
+    """The largest bound [rad/s³]."""
+    return float(np.max(np.abs([lower, upper]))) or 1.0
 
 
 PROJECTORS: dict[str, type[Projector]] = {"exact": ExactProjector, "osqp": OSQPProjector}

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import integrate, violates
 from jssa_gym.kernels.records import AGENT, FRAME, PLANE, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
@@ -61,6 +62,7 @@ class VerifiedStop:
     """
 
     def __init__(self, robot: RobotModel, dt: float, params: FailsafeParams) -> None:
+        announce_compilation(choose)
         self.robot, self.dt, self.params = robot, dt, params
         limits, n = robot.limits, robot.n
         self._bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])

@@ -61,7 +61,7 @@ class SafetyFilter(ABC):
         viability: bool = False,
         failsafe: FailsafeParams | None = None,
     ) -> None:
-        announce_compilation()
+        announce_compilation(take_in)
         self.params = self._checked(params)
         self.robot = robot
         self.dt = positive_number("dt", dt)

@@ -7,9 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.contact import unsound
+from jssa_gym.kernels.printed import printed_rows
 from jssa_gym.kernels.projection import violation
 from jssa_gym.kernels.records import AGENT, PLANE, records
+from jssa_gym.kernels.tick import rows_ahead
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
@@ -98,6 +101,7 @@ class JSSAFilter(SafetyFilter):
         self._projector = PROJECTORS[projector](robot.n, weight)
         self._authority = min_authority * self.index.lambda2 * self.dt
         self._horizon = Horizon(robot, self.dt, self.index)
+        announce_compilation(printed_rows if gradient == "printed" else rows_ahead)
         self._static_agents, self._planes = records(0, AGENT), records(0, PLANE)
         self._all_agents = records(0, AGENT)
 
