@@ -5,6 +5,7 @@ import hashlib
 import io
 import itertools
 import json
+import re
 import os
 import pickle
 import warnings
