@@ -5,9 +5,9 @@ import hashlib
 import io
 import itertools
 import json
-import re
 import os
 import pickle
+import re
 import warnings
 import zipfile
 from pathlib import Path
