@@ -18,7 +18,7 @@ from jssa_gym.envs import TASKS
 from jssa_gym.evaluation import Summary, benchmark
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
 from jssa_gym.exceptions import MissingExtraError
-from jssa_gym.policies import POLICIES
+from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.shields import FILTERS
 
 SHORT = ("demo", "--seconds", "0.4")
@@ -166,8 +166,8 @@ def test_help(command, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("command", "registries"),
     [
-        ("evaluate", (TASKS, FILTERS, PEOPLE, POLICIES)),
-        ("compare", (TASKS, FILTERS, PEOPLE, POLICIES)),
+        ("evaluate", (TASKS, FILTERS, PEOPLE, (*POLICIES, *shipped_policies()))),
+        ("compare", (TASKS, FILTERS, PEOPLE, (*POLICIES, *shipped_policies()))),
         ("stress", (CONTENDERS, PEOPLE, POLICIES, FAULTS)),
     ],
 )

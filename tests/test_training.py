@@ -42,6 +42,7 @@ def test_a_training_leaves_what_it_promises(tmp_path):
     watched: list[int] = []
     training = train(config, tmp_path, say=told.append, watch=watched.append, command="a command")
     assert sorted(path.name for path in tmp_path.iterdir()) == [
+        ".lock",
         "best.npz",
         "checkpoints",
         "history.csv",

@@ -33,6 +33,8 @@ def announce_compilation(kernel: Any) -> None:
 
 def _is_cached(kernel: Any) -> bool:
     """Whether numba keeps machine code of this kernel on disk, for whatever arguments."""
+    if not hasattr(kernel, "stats"):  # a plain function in a kernel's place: nothing to compile
+        return True
     if kernel not in _cached:
         folder = kernel.stats.cache_path
         name = f"{Path(kernel.py_func.__code__.co_filename).stem}.{kernel.__name__}"
