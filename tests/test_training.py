@@ -1,6 +1,4 @@
 # ruff: noqa: E402
-
-
 """Trainings: what they leave, what they learn, and that they are honest about safety."""
 
 import json

@@ -92,7 +92,7 @@ def train(
         MissingExtraError: A package is not installed.
     """
     folder = Path(folder)
-    lock = FileLock(folder / LOCK, timeout=0)  # the system lets go of it when the process ends, however it ends
+    lock = FileLock(folder / LOCK, timeout=0)  # where files can be locked, its end frees it, whichever
     try:
         folder.mkdir(parents=True, exist_ok=True)
         held = lock.acquire()
