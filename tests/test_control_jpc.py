@@ -290,6 +290,20 @@ def test_waypoints_that_were_met_are_not_asked_for_again():
     assert arm.jpc.met == 2
 
 
+def test_waypoints_count_as_met_by_others_only_while_somebody_commands_the_arm():
+    arm = Arm()
+    arm.jpc.assign()
+    arm.until(Phase.TRACKING)
+    arm.jpc.count(1)
+    assert arm.jpc.met == 0
+    arm.push(5)
+    assert arm.jpc.phase is Phase.YIELDING
+    arm.jpc.count(2)
+    arm.jpc.count(1)
+    arm.until(Phase.SETTLING, host=False)
+    assert arm.jpc.request.met == 2
+
+
 def test_pushed_from_the_goal_it_returns():
     arm = Arm()
     arm.jpc.assign()

@@ -164,6 +164,40 @@ def test_a_period_that_is_too_short_is_stretched():
         assert np.abs(states[:, 0] - waypoint).max(axis=1).min() < 1e-6
 
 
+def interrupted(at, ticks=5):
+    """Track without people; from ``at(env)`` on somebody brakes the arm for some ticks. Last info, first request."""
+    env = ArmEnv(Track(), human="none", terminate_on=())
+    policy = JPCPolicy(env, 0, host_delay=0.0)
+    observation, _ = env.reset(seed=0)
+    left, begun, request = ticks, False, None
+    for _ in range(1000):
+        action = policy(observation)
+        begun = begun or at(env)
+        if begun and left:
+            action, left = -0.2 * np.ones(6), left - 1
+        observation, _, _, _, info = env.step(action)
+        if begun and request is None and policy.jpc.phase is Phase.SETTLING:
+            request = policy.jpc.request
+    return info, request
+
+
+def test_a_waypoint_that_the_arm_was_near_when_it_was_interrupted_is_not_gone_back_to():
+    def visited(env):
+        return env.scene.time > 0.5 and np.linalg.norm(env.goal[0] - env.scene.robot.position) <= 0.05 * 6**0.5
+
+    info, request = interrupted(visited)
+    assert request.met == 1
+    assert info["success"]
+    assert info["track/lateness"] <= 0.1
+
+
+def test_an_interrupted_schedule_loses_little_more_than_the_interruption():
+    info, request = interrupted(lambda env: env.scene.time >= 1.0)
+    assert request.met == 0
+    assert info["success"]
+    assert info["track/lateness"] <= 0.4
+
+
 def test_it_follows_a_goal_that_moves():
     env = MovingGoal([0.0, 0.1, 0.0], until=3.0, human="none")
     policy = JPCPolicy(env, 0, host_delay=(0.02, 0.06))

@@ -140,6 +140,11 @@ class JPC:
         self._current = True
         self.request, self._answer = None, None
 
+    def count(self, met: int) -> None:
+        """So many waypoints count as met, whoever brought the arm there; a plan that is being read counts its own."""
+        if self.phase is Phase.YIELDING:
+            self.met = max(self.met, met)
+
     def deliver(self, number: int, plan: Plan | None) -> bool:
         """Take the host's answer.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from jssa_gym.control.inverse import postures_for, way_is_clear
 from jssa_gym.control.jpc import JPC, Phase, Request
+from jssa_gym.control.least_jerk import FEWEST
 from jssa_gym.control.moves import plan_approach, plan_move, within_range
 from jssa_gym.control.plan import Plan, plan_waypoints
 from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
@@ -29,6 +30,9 @@ _SLOWER = 0.7
 _SLOWEST = 0.15
 """Share of the limits that is left at least."""
 
+_HURRY = 0.85
+"""Share of the period between waypoints once the schedule was interrupted: it may be again."""
+
 
 class JPCPolicy:
     """Drives any task by the jerk-bounded position controller: the scripted baseline.
@@ -36,9 +40,10 @@ class JPCPolicy:
     It plans jerks within all joint limits to the environment's goal, reads them from a buffer, and notices from the
     joint state alone when a shield commands something else; see ``docs/control.md``. The goal is
     ``env.unwrapped.goal``, which ``env.unwrapped.task.space`` says how to read: ``"joints"`` for a posture (n,) or
-    waypoints (K, n) that ``task.period`` seconds lie between, ``"tip"`` for a point (3,) for the tool that may move. An
-    environment without a task is kept at the robot's home. Interrupted again and again on the way to the same waypoint,
-    it goes there more slowly every time: what a shield refuses at full speed it may grant at less.
+    waypoints (K, n) that ``task.period`` seconds lie between and that count as met within ``task.tolerance`` (root
+    mean square), if it has one; ``"tip"`` for a point (3,) for the tool that may move. An environment without a task is
+    kept at the robot's home. Interrupted again and again on the way to the same waypoint, it goes there more slowly
+    every time: what a shield refuses at full speed it may grant at less.
 
     It has to be called in every tick, so not outside of an :class:`~jssa_gym.ActionRepeat`.
 
@@ -76,6 +81,7 @@ class JPCPolicy:
         period = getattr(task, "period", None)
         # up to the grid; what a tick's rounding adds is nobody's lateness
         self._period = None if period is None else math.ceil(period / self._dt - 1e-6) * self._dt
+        self._near = 0.0 if period is None else float(getattr(task, "tolerance", 0.0))
         self._time = np.inf
 
     def _restart(self) -> None:
@@ -86,6 +92,8 @@ class JPCPolicy:
         self._refused = False  # whether the host found no plan to the goal
         self._tick = 0
         self._share, self._met, self._done = 1.0, 0, True
+        self._visited = 0  # waypoints that the arm has been near, in their order
+        self._late = False  # whether the schedule was interrupted
 
     def __call__(self, observation: Any) -> Array:
         """The next jerk of the buffer as a share of the jerk bounds, shape (n,)."""
@@ -96,10 +104,12 @@ class JPCPolicy:
         goal = np.asarray(getattr(self._env.unwrapped, "goal", self._robot.home), float)
         if goal.shape != self._goal.shape or self._has_moved(goal):
             self._goal, self._refused = np.array(goal), False
+            self._visited, self._late = 0, False
             self.jpc.assign()
         if self._due:
             self._answer(scene.planes)
         state = scene.robot
+        self._look_around(state.position)
         jerk = self.jpc.step(np.array((state.position, state.velocity, state.acceleration)))
         request = self.jpc.request
         if request is not None and request is not self._seen:
@@ -112,9 +122,19 @@ class JPCPolicy:
         self._tick += 1
         return np.clip(jerk / self._jerk_bound, -1.0, 1.0)  # rounding
 
+    def _look_around(self, position: Array) -> None:
+        """Count the waypoints that the arm comes near, whoever commands it."""
+        if self._period is None or self._goal.ndim != 2:
+            return
+        if self._visited < len(self._goal):
+            gap = self._goal[self._visited] - position
+            self._visited += bool(gap.dot(gap) <= len(gap) * self._near**2)
+        self.jpc.count(self._visited)
+
     def _choose_share(self, request: Request) -> None:
         """Slower after an interruption, at full speed again after a waypoint or at the goal."""
         if self.jpc.phase is Phase.SETTLING:
+            self._late = True
             self._share = max(_SLOWER * self._share, _SLOWEST)
         elif self.jpc.phase is not Phase.WAITING or self._done:
             self._share = 1.0
@@ -186,18 +206,24 @@ class JPCPolicy:
         return plan_move(state.position, posture, limits, dt)
 
     def _through(self, state: JointState, waypoints: Array, planes: Any) -> Plan:
-        """Waypoints a period apart; from too far away, or back from an interruption, first to the next one."""
+        """Waypoints a period apart; from too far away, or after an interruption, first to the next one, fast.
+
+        A schedule that waits for the arm loses what passes until then, and nothing else; see :class:`Track`.
+        """
         if self._period is None:
             raise ParameterError("waypoints need task.period, the time between them [s]")
         limits, dt = self._limits(state), self._dt
-        try:
-            return plan_waypoints(state, waypoints, self._period, limits, dt, shortest=False)
-        except InfeasibleError:
-            first = self._to_posture(state, waypoints[0], planes)
+        if not self._late:
+            try:
+                return plan_waypoints(state, waypoints, self._period, limits, dt, shortest=False)
+            except InfeasibleError:
+                pass
+        first = self._to_posture(state, waypoints[0], planes)
         if len(waypoints) == 1:
             return first
         rest = JointState(waypoints[0], np.zeros(len(limits.jerk)), np.zeros(len(limits.jerk)))
-        later = plan_waypoints(rest, waypoints[1:], self._period, limits, dt, stretch=True)
+        period = max(round(_HURRY * self._period / dt), FEWEST) * dt if self._late else self._period
+        later = plan_waypoints(rest, waypoints[1:], period, self._robot.limits, dt, stretch=True)
         return first.then(later)
 
 
