@@ -75,8 +75,8 @@ def _jssa_published(
 def _jssa_near(
     robot: RobotModel, dt: float, params: Any = None, /, *, viability: bool = False, failsafe: Any = None
 ) -> SafetyFilter:
-    """The same as ``jssa``, giving way later: at 0.7 m instead of 1.4 m of a person who comes at 1 m/s."""
-    near = IndexParams(lambda1=0.5, lambda2=0.1) if params is None else params
+    """The same as ``jssa``, giving way later: at 0.6 m instead of 1.4 m of a person who comes at 1 m/s."""
+    near = IndexParams(lambda1=0.4, lambda2=0.1) if params is None else params
     return JSSAFilter(robot, dt, near, viability=viability, failsafe=failsafe)
 
 
