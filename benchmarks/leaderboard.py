@@ -92,10 +92,31 @@ def verdicts(found: Episodes, ours: str, rivals: Sequence[str], policies: Sequen
             for key, cell in cells.items()
             if (found_behind := {r: x for r in rivals if (x := behind(cell, ours, r, name)) is not None})
         }
-        print(f"\n`{ours}` on {name}: first or tied in {len(cells) - len(worse)} of {len(cells)} cells")
+        empty = sum(not any(e[name] for one in cell.values() for e in one.values()) for cell in cells.values())
+        print(f"\n`{ours}` on {name}: first or tied in {len(cells) - len(worse)} of {len(cells)} cells, "
+              f"{empty} of them without a single one by anybody")  # fmt: skip
         for key, others in worse.items():
             told = ", ".join(f"`{rival}` by {100 * x:.0f}" for rival, x in sorted(others.items(), key=lambda t: -t[1]))
             print(f"- {', '.join(key)}: behind {told} (per cent)")
+
+
+def draw(found: Episodes, filters: Sequence[str], policies: Sequence[str], path: Path) -> None:
+    """Moving contacts of everything against success without contact of the policies that want it, with intervals."""
+    import matplotlib.pyplot as plt  # the tables do without
+
+    figure, axes = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
+    axes.set_prop_cycle(color=plt.get_cmap("tab20").colors)
+    for name in filters:
+        everything = [e for cell in found.values() for e in cell[name].values()]
+        wanted = [e for key, cell in found.items() if key[2] in policies for e in cell[name].values()]
+        x, y = rate(everything, "moving contact"), rate(wanted, "success without contact")
+        spread = [[[100 * (r.value - r.low)], [100 * (r.high - r.value)]] for r in (x, y)]
+        marker = "o" if name.endswith("+stop") or name == "stop" else "x"
+        axes.errorbar(100 * x.value, 100 * y.value, spread[1], spread[0], marker, label=name, markersize=7)
+    axes.set(xlabel="episodes with a moving contact [%]", ylabel="success without a contact [%]")
+    axes.grid(alpha=0.3)
+    figure.legend(loc="outside right upper", title="o: verified stop", frameon=False)
+    figure.savefig(path, dpi=110)
 
 
 def main() -> None:
@@ -104,6 +125,7 @@ def main() -> None:
     parser.add_argument("--ours", nargs="*", help="filters that are compared with the others; the first by default")
     parser.add_argument("--rivals", nargs="*", help="filters that count as others; all by default")
     parser.add_argument("--purposeful", nargs="*", default=["jpc"], help="policies that want to succeed")
+    parser.add_argument("--figure", type=Path, help="draw safety against success into this file")
     args = parser.parse_args()
     found = read(args.folder)
     filters = list(dict.fromkeys(name for cell in found.values() for name in cell))
@@ -114,6 +136,8 @@ def main() -> None:
     for ours in args.ours or filters[:1]:
         rivals = [name for name in (args.rivals or filters) if name != ours]
         verdicts(found, ours, rivals, args.purposeful)
+    if args.figure:
+        draw(found, filters, args.purposeful, args.figure)
 
 
 if __name__ == "__main__":
