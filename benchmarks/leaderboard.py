@@ -3,10 +3,11 @@
     jssa-gym compare --tasks ... --filters ... --out board
     python benchmarks/leaderboard.py board
 
-The first filter, or those of --ours, are compared with every other one in every cell (task, people, policy) on the same
-seeds: "behind" means that the 95 % interval of the paired difference excludes 0 to its disadvantage. Forty cells and
-thirteen rivals make some by chance. Success without contact is success in an episode in which nobody was touched, by an
-arm at rest neither. --rivals names those that count; by default all.
+Several folders are one table; none may repeat a cell of another. The first filter, or those of --ours, are compared
+with every other one in every cell (task, people, policy) on the same seeds: "behind" means that the 95 % interval of
+the paired difference excludes 0 to its disadvantage. Forty cells and thirteen rivals make some by chance. A cell counts
+only where ours and every rival have the same seeds. Success without contact is success in an episode in which nobody
+was touched, by an arm at rest neither. --rivals names those that count; by default all.
 """
 
 import argparse
@@ -27,13 +28,19 @@ ASKED = {"moving contact": -1, "success without contact": 1}
 """What is compared; whether more is better."""
 
 
-def read(folder: Path) -> Episodes:
-    """The episodes of a comparison's folder."""
+def read(folders: Sequence[Path]) -> Episodes:
+    """The episodes of comparisons' folders."""
     found: Episodes = defaultdict(lambda: defaultdict(dict))
-    with (folder / "episodes.csv").open(newline="") as file:
-        for row in csv.DictReader(file):
+    for folder in folders:
+        before = set(found)
+        with (folder / "episodes.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        for row in rows:
             contact, success, moving = (row[x] in ("True", "1") for x in ("collision", "success", "moving_contact"))
-            found[row["task"], row["human"], row["policy"]][row["filter"]][int(row["seed"])] = {
+            cell = (row["task"], row["human"], row["policy"])
+            if cell in before:
+                raise SystemExit(f"{folder} repeats the cell {', '.join(cell)}")
+            found[cell][row["filter"]][int(row["seed"])] = {
                 "contact": contact,
                 "moving contact": moving,
                 "success": success,
@@ -48,11 +55,14 @@ def rate(episodes: Sequence[dict[str, bool]], name: str) -> Rate:
     return Rate.of(sum(episode[name] for episode in episodes), len(episodes))
 
 
+def comparable(cell: dict[str, dict[int, dict[str, bool]]], filters: Sequence[str]) -> bool:
+    """Whether all of them met the same seeds."""
+    return all(cell[name] and cell[name].keys() == cell[filters[0]].keys() for name in filters)
+
+
 def behind(cell: dict[str, dict[int, dict[str, bool]]], ours: str, rival: str, name: str) -> float | None:
-    """By how much a rival does better on the seeds that both have; None where the interval has 0 in it."""
-    seeds = sorted(cell[ours].keys() & cell[rival].keys())
-    if not seeds:
-        return None
+    """By how much a rival does better; None where the interval has 0 in it."""
+    seeds = sorted(cell[ours])
     difference = paired_difference(
         np.array([cell[rival][seed][name] for seed in seeds], float),
         np.array([cell[ours][seed][name] for seed in seeds], float),
@@ -86,15 +96,18 @@ def by_cell(found: Episodes, filters: Sequence[str], name: str, policy: str) -> 
 def verdicts(found: Episodes, ours: str, rivals: Sequence[str], policies: Sequence[str]) -> None:
     """Cells in which somebody is better than ours."""
     for name, who in (("moving contact", None), ("success without contact", policies)):
-        cells = {key: cell for key, cell in found.items() if who is None or key[2] in who}
+        asked = {key: cell for key, cell in found.items() if who is None or key[2] in who}
+        cells = {key: cell for key, cell in asked.items() if comparable(cell, (ours, *rivals))}
         worse = {
             key: found_behind
             for key, cell in cells.items()
             if (found_behind := {r: x for r in rivals if (x := behind(cell, ours, r, name)) is not None})
         }
         empty = sum(not any(e[name] for one in cell.values() for e in one.values()) for cell in cells.values())
-        print(f"\n`{ours}` on {name}: first or tied in {len(cells) - len(worse)} of {len(cells)} cells, "
-              f"{empty} of them without a single one by anybody")  # fmt: skip
+        print(
+            f"\n`{ours}` on {name}: first or tied in {len(cells) - len(worse)} of {len(cells)} cells, in {empty} of "
+            f"which there is none by any filter; {len(asked) - len(cells)} cells are incomplete"
+        )
         for key, others in worse.items():
             told = ", ".join(f"`{rival}` by {100 * x:.0f}" for rival, x in sorted(others.items(), key=lambda t: -t[1]))
             print(f"- {', '.join(key)}: behind {told} (per cent)")
@@ -121,16 +134,24 @@ def draw(found: Episodes, filters: Sequence[str], policies: Sequence[str], path:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--ours", nargs="*", help="filters that are compared with the others; the first by default")
     parser.add_argument("--rivals", nargs="*", help="filters that count as others; all by default")
     parser.add_argument("--purposeful", nargs="*", default=["jpc"], help="policies that want to succeed")
     parser.add_argument("--figure", type=Path, help="draw safety against success into this file")
     args = parser.parse_args()
-    found = read(args.folder)
+    found = read(args.folders)
     filters = list(dict.fromkeys(name for cell in found.values() for name in cell))
+    policies = list(dict.fromkeys(key[2] for key in found))
+    for option, names, known in (
+        ("--ours", args.ours, filters),
+        ("--rivals", args.rivals, filters),
+        ("--purposeful", args.purposeful, policies),
+    ):
+        if missing := sorted({*(names or ())} - {*known}):
+            parser.error(f"{option}: nothing of {', '.join(missing)} in there; there is {', '.join(known)}")
     overview(found, filters)
-    for policy in dict.fromkeys(key[2] for key in found):
+    for policy in policies:
         by_cell(found, filters, "success without contact", policy)
         by_cell(found, filters, "moving contact", policy)
     for ours in args.ours or filters[:1]:
