@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +16,7 @@ from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
+from jssa_gym.evaluation.slowdown import slowdown
 from jssa_gym.exceptions import ParameterError
 
 
@@ -81,8 +82,16 @@ class Evaluate:
     """How many recordings of the worst episodes are kept."""
     v_safe: float = MOVING
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
+    slowdown: bool = False
+    """Play the same goals without filter and people as well, into the folder's `alone`, and compare times."""
     reaction_time: float = 0.1
     """T_r of speed and separation monitoring [s]."""
+    separation_speed: float = 1.6
+    """v_h of speed and separation monitoring [m/s]: 1.6 walking, 2 for hands and arms."""
+    intrusion: float = 0.0
+    """C of speed and separation monitoring: how far a person reaches before being seen [m]."""
+    uncertainty: float = 0.0
+    """Z_d + Z_r of speed and separation monitoring, of the person's and the robot's place [m]."""
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
@@ -100,14 +109,22 @@ class Evaluate:
             seed=self.seed,
             steps=ticks(self.seconds),
             v_safe=self.v_safe,
-            separation=SeparationParams(reaction_time=self.reaction_time),
+            separation=SeparationParams(self.separation_speed, self.reaction_time, self.intrusion, self.uncertainty),
             trust_pickle=self.trust_pickle,
         )
         (report,) = play(study, self.out, self.jobs, self.keep)
+        lost = None
+        if self.slowdown:
+            nobody = replace(study, filters=("none",), humans=("none",))
+            lost = slowdown(report, play(nobody, self.out / "alone", self.jobs, 0)[0])
         if self.json:
-            print(json.dumps(report.as_dict(), indent=2, allow_nan=False))
+            told = report.as_dict() | ({"slowdown": lost and asdict(lost)} if self.slowdown else {})
+            print(json.dumps(told, indent=2, allow_nan=False))
         else:
             _show(report)
+            if self.slowdown:
+                told = "no goal was reached there" if lost is None else lost
+                print(f"time to the goal over that without filter and people: {told}")
         console = Console(stderr=True)
         warn(report, console)
         console.print(f"wrote episodes.csv and summary.json to {self.out}", highlight=False, soft_wrap=True)

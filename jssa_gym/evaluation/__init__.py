@@ -9,6 +9,7 @@ from jssa_gym.evaluation.replay import judge
 from jssa_gym.evaluation.report import Report
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.runner import evaluate
+from jssa_gym.evaluation.slowdown import Slowdown, slowdown
 from jssa_gym.evaluation.statistics import (
     Mean,
     PairedDifference,
@@ -34,6 +35,7 @@ __all__ = [
     "RecordSafety",
     "Report",
     "SeparationParams",
+    "Slowdown",
     "StepSummary",
     "Study",
     "Summary",
@@ -52,5 +54,6 @@ __all__ = [
     "read_meta",
     "rollout",
     "save_trace",
+    "slowdown",
     "summarise",
 ]
