@@ -71,14 +71,15 @@ def behind(cell: dict[str, dict[int, dict[str, bool]]], ours: str, rival: str, n
     return abs(difference.value) if low > 0.0 and high > 0.0 else None
 
 
-def overview(found: Episodes, filters: Sequence[str]) -> None:
-    """One line a filter, over everything."""
-    print("| filter | episodes | moving contact | any contact | limit exceeded | success without contact |")
-    print("|---|---|---|---|---|---|")
+def overview(found: Episodes, filters: Sequence[str], policies: Sequence[str]) -> None:
+    """One line a filter, over everything; success over the episodes of the policies that want it."""
+    wanted = f"success without contact, of `{'`, `'.join(policies)}`"
+    print(f"| filter | moving contact | any contact | limit exceeded | {wanted} |\n|---|---|---|---|---|")
     for name in filters:
         episodes = [one for cell in found.values() for one in cell[name].values()]
-        told = [rate(episodes, x) for x in ("moving contact", "contact", "limit violation", "success without contact")]
-        print(f"| `{name}` | {len(episodes):,} | {' | '.join(map(str, told))} |")
+        told = [rate(episodes, x) for x in ("moving contact", "contact", "limit violation")]
+        trying = [one for key, cell in found.items() if key[2] in policies for one in cell[name].values()]
+        print(f"| `{name}` | {' | '.join(map(str, (*told, rate(trying, 'success without contact'))))} |")
 
 
 def by_cell(found: Episodes, filters: Sequence[str], name: str, policy: str) -> None:
@@ -150,7 +151,7 @@ def main() -> None:
     ):
         if missing := sorted({*(names or ())} - {*known}):
             parser.error(f"{option}: nothing of {', '.join(missing)} in there; there is {', '.join(known)}")
-    overview(found, filters)
+    overview(found, filters, args.purposeful)
     for policy in policies:
         by_cell(found, filters, "success without contact", policy)
         by_cell(found, filters, "moving contact", policy)
