@@ -74,7 +74,7 @@ def false_interventions(
             integrate(states[first], jerk, dt, after[i])
             plan_stop(after[i], bounds, dt, plans[i])
             unharmed[i] = keeps_limits(states[first], jerk, after[i], plans[i], bounds, dt)
-    late = np.arange(round(HORIZON / dt))[:, None] * dt
+    late = np.arange(round(HORIZON / dt), dtype=np.float64)[:, None] * dt
     position = along_stop(after[:, None], plans[:, None], dt, late)
     # from sample to sample no point of the arm, and none of a person, comes farther than this
     turned = np.abs(np.diff(position, axis=1, prepend=position[:, :1]))
