@@ -156,7 +156,10 @@ def test_half_spaces_and_the_arm_itself_count(swinging, robot, ahead):
     rng, far, found = np.random.default_rng(1), path(ahead, (0.0, 5.0, 0.0)), []
     for _ in range(60):
         posture = rng.uniform(0.9 * low, 0.9 * high)
-        trace = beside(swinging, far, position=np.tile(posture, (STEPS, 1)))
+        # fast enough to come into something on the way to rest
+        velocity = rng.uniform(-0.8, 0.8, 6) * robot.limits.velocity
+        states = {"position": posture, "velocity": velocity, "acceleration": np.zeros(6)}
+        trace = beside(swinging, far, **{name: np.tile(value, (STEPS, 1)) for name, value in states.items()})
         found.append(rate(trace, robot) == 1.0)
         assert found[-1] == driven(trace, robot, ONSET)
     assert 5 < sum(found) < 55
