@@ -107,7 +107,8 @@ def test_a_summary_by_hand():
         chatter=pytest.approx(4.0 / 3.0),
         correction_mean=0.5,
         correction_max=0.8,
-        infeasible_rate=pytest.approx(1.0 / 6.0),
+        # of the last step the rows are not known
+        infeasible_rate=0.2,
         relaxed_rate=pytest.approx(1.0 / 6.0),
         backup_rate=0.0,
         fault_rate=0.0,
@@ -127,6 +128,10 @@ def test_a_summary_by_hand():
         ssm_margin=None,
         ssm_violation_rate=None,
         ssm_violation_time=None,
+        false_intervention_rate=None,
+        true_phi_max=None,
+        true_phi_violation_rate=None,
+        true_forward_invariance_violations=None,
         path_length=None,
         # (5/10)² + (16/20)² + (9/10)² + (2/20)² over 12
         jerk_rms=pytest.approx(np.sqrt((0.25 + 0.64 + 0.81 + 0.01) / 12.0)),
@@ -169,6 +174,18 @@ def test_what_is_no_number_is_not_safe():
     touched = dataclasses.replace(trace, distance=np.zeros(6), contact=np.ones(6, bool), contact_speed=0.0 * unknown)
     summary = summarise(touched, LIMITS)
     assert (summary.moving_contact, summary.n_collisions_critical) == (True, 1)
+
+
+def test_rows_that_nobody_knows_are_not_kept():
+    # half of the episode a stored stop goes on, of which no rows are known
+    slack = np.array([0.0, 1e-3, 0.0, np.nan, np.nan, np.nan])
+    assert summarise(tiny(slack=slack), LIMITS).infeasible_rate == pytest.approx(1.0 / 3.0)
+    # a row that is missed by who knows how much is missed
+    assert summarise(tiny(slack=np.where(slack > 0.0, np.inf, slack)), LIMITS).infeasible_rate == pytest.approx(
+        1.0 / 3.0
+    )
+    assert summarise(tiny(slack=np.full(6, np.nan)), LIMITS).infeasible_rate is None
+    assert summarise(tiny(slack=np.zeros(6)), LIMITS).infeasible_rate == 0.0
 
 
 def test_a_summary_without_human_shield_or_intervention():

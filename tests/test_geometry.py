@@ -1,9 +1,11 @@
 """What follows from a recorded episode, against other ways to find out."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference import segment_distance
 
 from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import SeparationParams, geometry, judge, rollout, summarise
@@ -11,6 +13,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.records import STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.policies import POLICIES
+from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import CapsuleSet, JointState, Planes
 
@@ -53,9 +56,45 @@ def test_distances_and_closing_speeds_are_those_of_measure(wandering, robot):
         assert seen.own[k] == near.own.min()
         assert seen.planes[k] == near.planes.min()
         assert near.smallest == wandering.distance[k]
+        np.testing.assert_array_equal(seen.distance[k], near.distance)
         # the distance shrinks as fast as both come towards each other, unless the axes cross
         if near.smallest > 0.0:
-            assert seen.approach[k] + seen.human_approach[k] == pytest.approx(-near.rate, abs=1e-9)
+            closing = seen.approach[k] + seen.human_approach[k]
+            assert closing[near.pair] == pytest.approx(-near.rate, abs=1e-9)
+
+
+def test_every_pair_of_points_moves_as_differences_have_it(wandering, robot):
+    seen, (start_velocity, end_velocity) = geometry(wandering, robot), velocities(wandering)
+    h, radii = 1e-4, wandering.human_radius
+    index, checked = IndexParams(d_min=wandering.d_min), 0
+    for k in range(5, 350, 23):
+        q, v, a = wandering.position[k], wandering.velocity[k], wandering.acceleration[k]
+        worst = -np.inf
+        for i in range(len(robot.capsules)):
+            arm = [np.array(capsule(robot, q + t * v + t**2 / 2.0 * a, i)) for t in (-h, 0.0, h)]
+            for j in range(len(radii)):
+                person = [
+                    np.array([wandering.human_start[k, j], wandering.human_end[k, j]])
+                    + t * np.array([start_velocity[k, j], end_velocity[k, j]])
+                    for t in (-h, 0.0, h)
+                ]
+                _, s, r = segment_distance(*arm[1], *person[1])
+                one, other = ([x[0] + share * (x[1] - x[0]) for x in ends] for ends, share in ((arm, s), (person, r)))
+                before, now, after = (np.linalg.norm(x - y) for x, y in zip(one, other, strict=True))
+                distance = now - robot.capsules[i]["radius"] - radii[j]
+                assert seen.distance[k, i, j] == pytest.approx(distance, abs=1e-9)
+                rate, curvature = (after - before) / (2.0 * h), (after - 2.0 * now + before) / h**2
+                phi = index.d_min**2 - distance * abs(distance) - index.lambda1 * rate - index.lambda2 * curvature
+                worst = max(worst, phi)
+                if now > 1e-3:
+                    n = (other[1] - one[1]) / now
+                    assert seen.approach[k, i, j] == pytest.approx((one[2] - one[0]) / (2.0 * h) @ n, abs=1e-6)
+                    assert seen.human_approach[k, i, j] == pytest.approx(
+                        (other[0] - other[2]) / (2.0 * h) @ n, abs=1e-6
+                    )
+                    checked += 1
+        assert seen.phi[k] == pytest.approx(worst, abs=1e-5)
+    assert checked > 300
 
 
 def test_the_tool_is_where_mujoco_has_it(wandering, robot):
@@ -88,12 +127,10 @@ def test_stops_are_those_that_are_driven_tick_by_tick(wandering, robot, fast):
         q, v, a = (np.array(x[k]) for x in (wandering.position, wandering.velocity, wandering.acceleration))
         near = measure(robot, JointState(q, v, a), people(wandering, k, *moves), planes)
         count = plan_stop(np.array([q, v, a]), bounds, DT, plan)
+        rows = range(len(robot.capsules))
+        begin = [capsule(robot, q, i) for i in rows]
         held += int(plan["hold"].max() > 0)
         assert seen.stop_time[k] == pytest.approx(count * DT)
-        row = near.pair[0]
-        here = capsule(robot, q, row)
-        on_robot, on_human = near.points
-        share = np.linalg.norm(on_robot - here[0]) / max(np.linalg.norm(here[1] - here[0]), 1e-12)
         for tick in range(count):
             stop_jerk(plan, tick, jerk)
             q, v, a = (
@@ -102,12 +139,16 @@ def test_stops_are_those_that_are_driven_tick_by_tick(wandering, robot, fast):
                 a + DT * jerk,
             )
         assert np.abs(v).max() < 1e-9
-        there = capsule(robot, q, row)
-        if (gap := np.linalg.norm(on_human - on_robot)) < 1e-6:
-            continue
-        moved = there[0] + share * (there[1] - there[0]) - on_robot
-        assert seen.stop_advance[k] == pytest.approx(max(moved @ (on_human - on_robot) / gap, 0.0), abs=1e-9)
-        advanced += seen.stop_advance[k] > 0.01
+        end = [capsule(robot, q, i) for i in rows]
+        for i, j in np.ndindex(near.distance.shape):
+            _, s, r = segment_distance(*begin[i], wandering.human_start[k, j], wandering.human_end[k, j])
+            on_robot = begin[i][0] + s * (begin[i][1] - begin[i][0])
+            on_human = wandering.human_start[k, j] + r * (wandering.human_end[k, j] - wandering.human_start[k, j])
+            if (gap := np.linalg.norm(on_human - on_robot)) < 1e-6:
+                continue
+            moved = end[i][0] + s * (end[i][1] - end[i][0]) - on_robot
+            assert seen.stop_advance[k, i, j] == pytest.approx(max(moved @ (on_human - on_robot) / gap, 0.0), abs=1e-7)
+            advanced += seen.stop_advance[k, i, j] > 0.01
     assert advanced > 3
     assert held > 20 or not fast
 
@@ -222,15 +263,52 @@ def test_separation_by_hand(standing, robot):
             SeparationParams(**wrong)
 
 
+def margins(seen, human_speed):
+    """Distance minus S_p of every pair, one after the other; else the default parameters."""
+    margin = np.empty(seen.distance.shape)
+    for k, i, j in np.ndindex(margin.shape):
+        needed = human_speed * (0.1 + seen.stop_time[k]) + 0.1 * max(seen.approach[k, i, j], 0.0)
+        margin[k, i, j] = seen.distance[k, i, j] - needed - seen.stop_advance[k, i, j]
+    return margin
+
+
+def test_a_farther_link_that_moves_in_needs_more_separation_than_the_closest(swinging, robot):
+    # one ball close to the first link, which only turns, one farther from the tool, which comes
+    tip = geometry(swinging, robot).tip[-1]
+    near = with_ball(swinging, robot, np.tile([-0.4, 0.0, 1.0], (19, 1)))
+    far = with_ball(swinging, robot, np.tile(tip + np.array([0.0, 0.4, 0.0]), (19, 1)))
+    parts = ("initial_human", "human_start", "human_end")
+    trace = replace(
+        near,
+        **{part: np.concatenate([getattr(near, part), getattr(far, part)], axis=-2) for part in parts},
+        human_radius=np.full(2, 0.1),
+        human_person=np.arange(2),
+        human_names=("near", "far"),
+        distance=np.minimum(near.distance, far.distance),
+    )
+    seen = geometry(trace, robot)
+    assert (seen.distance.min(axis=1).argmin(axis=1) == 0).all()
+    margin = margins(seen, 0.0)
+    of_closest = margin[..., 0].min()
+    assert 0.0 < margin.min() < of_closest - 0.05
+    # the closest pair alone would have 1 cm left
+    params = SeparationParams(human_speed=0.0, uncertainty=of_closest - 0.01)
+    summary = summarise(trace, robot.limits, seen, separation=params)
+    assert summary.ssm_margin == pytest.approx(margin.min() - params.uncertainty)
+    broken = int((margin < params.uncertainty).any(axis=(1, 2)).sum())
+    assert 0 < broken < 18
+    assert summary.ssm_violation_rate == broken / 18
+    assert summary.ssm_violation_time == pytest.approx(broken * DT)
+
+
 def test_a_moving_arm_needs_more_separation(swinging, robot):
     trace = with_ball(swinging, robot, np.tile(geometry(swinging, robot).tip[0] + [0.0, 1.0, 0.0], (19, 1)))
     seen = geometry(trace, robot)
-    assert np.all(np.diff(seen.approach) > 0.0)
-    assert np.all(np.diff(seen.stop_advance) > 0.0)
-    k = int(np.argmin(trace.distance))
+    last = int(seen.distance[-1, :, 0].argmin())
+    assert np.all(np.diff(seen.approach[:, last, 0]) > 0.0)
+    assert np.all(np.diff(seen.stop_advance[:, last, 0]) > 0.0)
     summary = summarise(trace, robot.limits, seen)
-    needed = 1.6 * (0.1 + seen.stop_time[k]) + 0.1 * seen.approach[k] + seen.stop_advance[k]
-    assert summary.ssm_margin == pytest.approx(trace.distance[k] - needed)
+    assert summary.ssm_margin == pytest.approx(margins(seen, 1.6).min())
     path = np.linalg.norm(np.diff(seen.tip, axis=0), axis=1).sum()
     assert summary.path_length == pytest.approx(path)
     radius = np.hypot(*seen.tip[0, :2])
@@ -269,7 +347,36 @@ def test_other_robots_are_refused(standing, robot, toy_robot):
 def test_nobody_leaves_nothing_to_close_in_on(standing, robot):
     seen = geometry(standing, robot)
     for values in (seen.approach, seen.human_approach, seen.stop_advance):
-        np.testing.assert_array_equal(values, np.zeros(18))
+        assert values.shape == (18, len(robot.capsules), 0)
     summary = summarise(standing, robot.limits, seen)
     assert (summary.ttc, summary.ssm_margin, summary.ssm_violation_rate) == (None, None, 0.0)
     assert (summary.mean_critical_velocity, summary.min_distance) == (None, np.inf)
+    assert summary.true_phi_max is summary.true_phi_violation_rate is summary.true_forward_invariance_violations is None
+    assert summary.false_intervention_rate is None
+
+
+# ---- the index, measured -----------------------------------------------------------------------------
+
+
+def test_the_measured_index_is_of_all_filters_the_same(wandering, robot):
+    seen = geometry(wandering, robot)
+    summary = summarise(wandering, robot.limits, seen)
+    above = [bool(phi > 0.0) for phi in seen.phi]
+    rises = sum(after and not before for before, after in itertools.pairwise(above))
+    assert 0 < sum(above) < 350
+    assert rises > 0
+    assert summary.true_phi_max == seen.phi.max()
+    assert summary.true_phi_violation_rate == sum(above) / 350
+    assert summary.true_forward_invariance_violations == rises
+    # nobody filtered, so that no filter told an index
+    assert summary.phi_max is None
+    # what is no number is not safe
+    unknown = summarise(wandering, robot.limits, seen._replace(phi=np.full(350, np.nan)))
+    assert unknown.true_phi_violation_rate == 1.0
+    # the commanded arm's index is not the servoed one's
+    servoed = summarise(replace(wandering, dynamics="servo"), robot.limits, seen)
+    assert servoed.true_phi_max is servoed.true_phi_violation_rate is None
+    assert servoed.true_forward_invariance_violations is servoed.false_intervention_rate is None
+    # a larger d_min, a larger index
+    wider = geometry(replace(wandering, d_min=0.2), robot)
+    np.testing.assert_allclose(wider.phi - seen.phi, 0.2**2 - wandering.d_min**2, atol=1e-12)

@@ -5,14 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.evaluation.counterfactual import along_stop, false_interventions
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.capsules import measure_planes, measure_self
 from jssa_gym.kernels.chain import forward, place, tool_motion
-from jssa_gym.kernels.contact import observe
+from jssa_gym.kernels.derivatives import derivatives
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import plan_stop
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.proximity import TRUTH, plane_records
+from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.proximity import plane_records
 from jssa_gym.types import Array, Planes, Trace
 
 
@@ -36,14 +38,21 @@ class Geometry(NamedTuple):
     """Smallest distance of the arm to itself, shape (T,) [m]; inf for an arm that cannot touch itself."""
     planes: Array
     """Smallest distance of the arm to the half-spaces, shape (T,) [m]."""
+    distance: Array
+    """Of every robot capsule to every one of people's, shape (T, m, k) [m]."""
     approach: Array
-    """Speed of the robot's closest point towards the person's, shape (T,) [m/s]; 0 without people; so the next."""
+    """Speed of such a pair's closest robot point towards the person's, shape (T, m, k) [m/s]."""
     human_approach: Array
-    """Speed of the person's closest point towards the robot's, shape (T,) [m/s]."""
+    """Speed of the person's point towards the robot's, shape (T, m, k) [m/s]."""
     stop_time: Array
     """Time that the jerk-limited stop of all joints takes from the state, shape (T,) [s]."""
     stop_advance: Array
-    """How far the robot's closest point comes towards the person during it, at least 0, shape (T,) [m]."""
+    """How far the robot's point has come towards the person's at its end, at least 0, shape (T, m, k) [m]."""
+    phi: Array
+    """Largest safety index of all pairs, by the defaults of ``IndexParams`` and the episode's d_min, the closest points
+    fixed to their bodies, shape (T,) [m²]; -inf without people."""
+    false_interventions: NDArray[np.bool_]
+    """:func:`~jssa_gym.evaluation.counterfactual.false_interventions`, shape (onsets,)."""
     touches: Touches
 
 
@@ -71,33 +80,38 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
     state[1:, 0], state[1:, 1], state[1:, 2] = trace.position, trace.velocity, trace.acceleration
     bounds = np.array([*robot.limits.position.T, robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk])
     half_spaces = plane_records(Planes(trace.plane_normal, trace.plane_offset, trace.plane_names))
-    frames, segments = records(n, FRAME), records((count, m), SEGMENT)
-    pairs, plane_pairs = records((count, m, k), PAIR), records((count, m, len(half_spaces)), PAIR)
-    own, plans = np.full((count, len(robot.self_pairs)), np.inf), records((count, n), STOP)
-    out, parts, index, tool, tip = np.zeros(13), np.zeros(1), TRUTH.kernel(), np.zeros((2, 3)), np.empty((count + 1, 3))
-    near, ticks = np.zeros((count, 2), np.int64), np.zeros(count)
+    frames, segments, pairs = records(n, FRAME), records((count, m), SEGMENT), records((count, m, k), PAIR)
+    motion, rows, normals = np.zeros((count, m * k, 4)), np.zeros((m * k, n)), np.zeros((count, m * k, 3))
+    index = np.array(IndexParams().kernel()._replace(d_min=trace.d_min), np.float64)
+    tool, tip = np.zeros((2, 3)), np.empty((count + 1, 3))
     forward(robot.links, state[0], frames)
     tool_motion(frames, robot.tool_link, robot.tool_offset, tool)
     tip[0] = tool[0]
     for t in range(count):
-        arm, now = segments[t], state[t + 1]
-        near[t] = observe(
-            robot.links, robot.capsules, now, agents[t], index, frames, arm, pairs[t], out, parts
+        derivatives(
+            robot.links, robot.capsules, state[t + 1], agents[t], index, frames, segments[t], pairs[t], motion[t], rows,
+            normals[t],
         )  # fmt: skip
-        measure_planes(arm, half_spaces, plane_pairs[t])
-        measure_self(arm, robot.self_pairs, own[t])
         tool_motion(frames, robot.tool_link, robot.tool_offset, tool)
         tip[t + 1] = tool[0]
-        ticks[t] = plan_stop(now, bounds, trace.dt, plans[t])
-    approach, human_approach, advance = _closing(trace, robot, state[1:], segments, agents, pairs, near, plans)
+    own, plane_pairs = np.full((count, len(robot.self_pairs)), np.inf), records((count, m, len(half_spaces)), PAIR)
+    measure_planes(segments.reshape(-1), half_spaces, plane_pairs.reshape(count * m, len(half_spaces)))
+    measure_self(segments.reshape(-1), _in_each(robot.self_pairs, count, m), own.reshape(-1))
+    plans = _stops(state[1:], bounds, trace.dt)
+    shift = _shift(robot, along_stop(state[1:], plans, trace.dt, np.inf), segments)
+    normals = normals.reshape(count, m, k, 3)
+    human_approach = _component("tkx,tmkx->tmk", agents["start_velocity"], agents["end_velocity"], pairs["r"], normals)
     return Geometry(
         tip,
         own.min(axis=1, initial=np.inf),
         plane_pairs["distance"].min(axis=(1, 2), initial=np.inf),
-        approach,
+        pairs["distance"],
+        -motion[:, :, 1].reshape(count, m, k) - human_approach,
         human_approach,
-        ticks * trace.dt,
-        advance,
+        (plans["ramp"] + plans["hold"] + plans["release"]).max(axis=1) * trace.dt,
+        np.maximum(-_component("tmx,tmkx->tmk", shift[:, 0], shift[:, 1], pairs["s"], normals), 0.0),
+        pairs["phi"].max(axis=(1, 2), initial=-np.inf),
+        false_interventions(trace, robot, state, bounds, agents, half_spaces),
         _touches(segments, agents, pairs),
     )
 
@@ -125,49 +139,33 @@ def _unit(vectors: Array) -> Array:
     return np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), 0.0)
 
 
-def _closing(
-    trace: Trace,
-    robot: RobotModel,
-    state: Array,
-    segments: NDArray,
-    agents: NDArray,
-    pairs: NDArray,
-    near: NDArray[np.int64],
-    plans: NDArray,
-) -> tuple[Array, Array, Array]:
-    """How fast robot and person approach each other at their closest points, and how far the robot yet comes."""
-    count = len(trace.time)
-    if not (count and agents.shape[1]):
-        return np.zeros(count), np.zeros(count), np.zeros(count)
-    row, column = near.T
-    steps = np.arange(count)
-    arm, person, pair = segments[steps, row], agents[steps, column], pairs[steps, row, column]
-    point = _along(arm["start"], arm["end"], pair["s"])
-    towards = _unit(_along(person["start"], person["end"], pair["r"]) - point)
-    velocity = _along(arm["start_velocity"], arm["end_velocity"], pair["s"])
-    human_velocity = _along(person["start_velocity"], person["end_velocity"], pair["r"])
-    stopped = _stopped(state, plans, trace.dt)
-    frames, rested = records(robot.n, FRAME), records(len(robot.capsules), SEGMENT)
-    ends = np.empty((count, 2, 3))
-    for t in range(count):
-        forward(robot.links, stopped[t], frames)
-        place(frames, robot.capsules, rested)
-        ends[t, 0], ends[t, 1] = rested[row[t]]["start"], rested[row[t]]["end"]
-    advance = ((_along(ends[:, 0], ends[:, 1], pair["s"]) - point) * towards).sum(axis=1)
-    return (
-        (velocity * towards).sum(axis=1),
-        -(human_velocity * towards).sum(axis=1),
-        np.maximum(advance, 0.0),
-    )
+def _in_each(self_pairs: NDArray[np.int64], count: int, m: int) -> NDArray[np.int64]:
+    """Pairs (p, 2) of m capsules as pairs of count times m capsules, shape (count p, 2)."""
+    return (self_pairs + m * np.arange(count)[:, None, None]).reshape(-1, 2)
 
 
-def _stopped(state: Array, plans: NDArray, dt: float) -> Array:
-    """States (T, 3, n) after the stops, shape (T, 3, n): Eq. (1) over ramp, hold and release."""
-    q, v, a = state[:, 0], state[:, 1], state[:, 2]
-    for part, jerk in (("ramp", plans["jerk_in"]), ("hold", 0.0), ("release", plans["jerk_out"])):
-        t = plans[part] * dt
-        q, v, a = q + t * v + t**2 / 2.0 * a + t**3 / 6.0 * jerk, v + t * a + t**2 / 2.0 * jerk, a + t * jerk
-    return np.ascontiguousarray(np.stack([q, np.zeros_like(q), np.zeros_like(q)], axis=1))
+def _stops(state: Array, bounds: Array, dt: float) -> NDArray:
+    """Stops from all states (T, 3, n), shape (T, n) of ``STOP``: each joint stops by itself, so all are one arm's."""
+    count, _, n = state.shape
+    plans = records((count, n), STOP)
+    plan_stop(state.transpose(1, 0, 2).reshape(3, -1), np.tile(bounds, count), dt, plans.reshape(-1))
+    return plans
+
+
+def _shift(robot: RobotModel, position: Array, segments: NDArray) -> Array:
+    """From segments (T, m) to where they are at joint positions (T, n): of both ends, shape (T, 2, m, 3) [m]."""
+    frames, rested, state = records(robot.n, FRAME), records(segments.shape, SEGMENT), np.zeros((3, robot.n))
+    for t in range(len(position)):
+        state[0] = position[t]
+        forward(robot.links, state, frames)
+        place(frames, robot.capsules, rested[t])
+    return np.stack([rested["start"] - segments["start"], rested["end"] - segments["end"]], axis=1)
+
+
+def _component(axes: str, start: Array, end: Array, share: Array, normals: Array) -> Array:
+    """Component along normals (T, m, k, 3) of a vector that is known at the ends of an axis, at the share between."""
+    one, other = np.einsum(axes, start, normals), np.einsum(axes, end, normals)
+    return one + share * (other - one)
 
 
 def _touches(segments: NDArray, agents: NDArray, pairs: NDArray) -> Touches:

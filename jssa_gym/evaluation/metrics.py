@@ -73,9 +73,22 @@ class Summary(StepSummary):
         int, Says("steps", "Steps in which the policy's action was not finite, which a filter answers with a FAULT.")
     ]
     ttc: Annotated[float | None, Says("s", "Smallest distance over closing speed; none if they never approach.")]
-    ssm_margin: Annotated[float | None, Says("m", "Smallest distance − S_p, of speed and separation monitoring.")]
-    ssm_violation_rate: Annotated[float | None, Says("", "Share of the steps with a distance below S_p.")]
-    ssm_violation_time: Annotated[float | None, Says("s", "Time with a distance below S_p.")]
+    ssm_margin: Annotated[
+        float | None, Says("m", "Smallest distance − S_p of any pair, of speed and separation monitoring.")
+    ]
+    ssm_violation_rate: Annotated[float | None, Says("", "Share of the steps with a pair's distance below its S_p.")]
+    ssm_violation_time: Annotated[float | None, Says("s", "Time with a pair's distance below its S_p.")]
+    false_intervention_rate: Annotated[
+        float | None,
+        Says("", "Share of the interventions in whose place the wanted jerk, then a stop, would have done no harm."),
+    ]
+    true_phi_max: Annotated[
+        float | None, Says("m²", "Largest safety index that is measured, by the same λ for all filters.")
+    ]
+    true_phi_violation_rate: Annotated[float | None, Says("", "Share of the steps with that index above 0.")]
+    true_forward_invariance_violations: Annotated[
+        int | None, Says("", "How often that index rose from ≤ 0 to above 0 in a step.")
+    ]
     path_length: Annotated[float | None, Says("m", "Length of the way of the tool centre point.")]
     jerk_rms: Annotated[float, Says("jerk bounds", "Root mean square, over steps and joints, of the applied jerk.")]
     speed_limit_ratio: Annotated[float, Says("", "Largest joint speed over its limit.")]
@@ -146,8 +159,10 @@ def summarise(
     # the touching points are the commanded arm's, which a servoed one follows late
     kinematic = trace.dynamics == "kinematic"
     faults = _faults(trace, seen, v_safe) if seen is not None and kinematic else (None,) * 3
-    margin = None if seen is None else _margin(trace, seen, separation or SeparationParams())
+    margin = None if seen is None else _margin(seen, separation or SeparationParams())
     closing = trace.speed < -_SLOWEST
+    phi = seen.phi if seen is not None and kinematic and len(trace.human_radius) else np.zeros(0)
+    above = ~(phi <= 0.0)
     return Summary(
         **{field.name: getattr(steps, field.name) for field in dataclasses.fields(StepSummary)},
         name=trace.name,
@@ -161,6 +176,10 @@ def summarise(
         ssm_margin=None if margin is None else _least(margin[people]),
         ssm_violation_rate=None if margin is None else _mean(~(margin >= 0.0)),
         ssm_violation_time=None if margin is None else float((~(margin >= 0.0)).sum() * trace.dt),
+        false_intervention_rate=_mean(seen.false_interventions) if seen is not None and kinematic else None,
+        true_phi_max=float(phi.max()) if len(phi) else None,
+        true_phi_violation_rate=_mean(above),
+        true_forward_invariance_violations=int((~above[:-1] & above[1:]).sum()) if len(phi) else None,
         path_length=None if seen is None else float(np.linalg.norm(np.diff(seen.tip, axis=0), axis=1).sum()),
         jerk_rms=float(np.sqrt(np.mean(ratios[2] ** 2))) if len(trace.time) else 0.0,
         speed_limit_ratio=peaks[0],
@@ -217,17 +236,17 @@ def _faults(trace: Trace, seen: Geometry, v_safe: float) -> tuple[int, int, int]
     return robot, human, shared
 
 
-def _margin(trace: Trace, seen: Geometry, params: SeparationParams) -> Array:
-    """Distance minus the protective separation distance, shape (T,) [m]; inf without people."""
+def _margin(seen: Geometry, params: SeparationParams) -> Array:
+    """Smallest distance minus protective separation distance of all pairs, shape (T,) [m]; inf without people."""
     speed = np.maximum(seen.human_approach, 0.0) if params.human_speed is None else params.human_speed
     needed = (
-        speed * (params.reaction_time + seen.stop_time)
+        speed * (params.reaction_time + seen.stop_time[:, None, None])
         + np.maximum(seen.approach, 0.0) * params.reaction_time
         + seen.stop_advance
         + params.intrusion
         + params.uncertainty
     )
-    return trace.distance - needed
+    return (seen.distance - needed).min(axis=(1, 2), initial=np.inf)
 
 
 def _events(distance: Array, dt: float) -> int:

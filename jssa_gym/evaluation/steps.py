@@ -103,7 +103,8 @@ class StepSummary:
     ]
     correction_max: Annotated[float | None, Says("jerk bounds", "Largest change of a joint's jerk.")]
     infeasible_rate: Annotated[
-        float, Says("", "Share of the steps in which the applied jerk misses a row by over 1e-6.")
+        float | None,
+        Says("", "Share of the steps, of those in which the rows are known, whose jerk misses one by over 1e-6."),
     ]
     relaxed_rate: Annotated[float, Says("", "Share of the steps with status RELAXED.")]
     backup_rate: Annotated[float, Says("", "Share of the steps with status FAILSAFE: a stored stop goes on.")]
@@ -143,6 +144,7 @@ def summarise_steps(steps: Steps, v_safe: float = MOVING) -> StepSummary:
     activations = spans(active)
     switches = sum((first > 0) + (last < count) for first, last in activations)
     corrections, phi, slack = (x[np.isfinite(x)] for x in (steps.correction, steps.phi, steps.slack))
+    known = steps.slack[~np.isnan(steps.slack)]
     corrected = steps.correction[active & np.isfinite(steps.correction)]
     indexed = np.isfinite(steps.phi)
     rises = indexed[:-1] & indexed[1:] & (steps.phi[:-1] <= 0.0) & (steps.phi[1:] > 0.0)
@@ -177,7 +179,7 @@ def summarise_steps(steps: Steps, v_safe: float = MOVING) -> StepSummary:
         chatter=switches / (count * dt) if count else 0.0,
         correction_mean=float(corrected.mean()) if len(corrected) else 0.0 if len(corrections) else None,
         correction_max=_largest(corrections),
-        infeasible_rate=_share(steps.slack > INFEASIBLE),
+        infeasible_rate=float((known > INFEASIBLE).mean()) if len(known) else None,
         relaxed_rate=_share(steps.status == Status.RELAXED),
         backup_rate=_share(steps.status == Status.FAILSAFE),
         fault_rate=_share(steps.status == Status.FAULT),
