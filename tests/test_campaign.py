@@ -351,7 +351,9 @@ def test_a_disagreement_is_counted_and_its_recording_kept(tmp_path, monkeypatch)
     assert {path.name for path in ledger.traces.iterdir()} == files
     trace = load_trace(ledger.traces / ledger.episodes[0].trace_name)
     assert len(trace.time) == 20
-    assert read_meta(ledger.traces / ledger.episodes[0].trace_name)["seed"] == ledger.episodes[0].seed
+    meta = read_meta(ledger.traces / ledger.episodes[0].trace_name)
+    assert meta["seed"] == ledger.episodes[0].seed
+    assert meta["source"] == source_hash()
     ledger.keep_worst(ledger.episodes, 1)
     assert len(list(ledger.traces.iterdir())) == 1
 
