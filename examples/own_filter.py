@@ -5,6 +5,7 @@ import numpy as np
 
 import jssa_gym
 from jssa_gym.safety.proximity import measure
+from jssa_gym.shields.reasons import of_clipping
 from jssa_gym.types import Decision, Status
 
 NEAR = 0.5
@@ -18,7 +19,8 @@ class Brake(jssa_gym.SafetyFilter):
         elif inside:
             jerk, status, reason = self._clipped.copy(), Status.NOMINAL, ""
         else:
-            jerk, status, reason = self._clipped.copy(), Status.PROJECTED, "outside the jerk bounds"
+            jerk, status = self._clipped.copy(), Status.PROJECTED
+            reason = of_clipping(nominal, jerk, self.robot.limits.jerk)
         return Decision(jerk, nominal, status, reason, np.nan, near.smallest, near.pair, 0.0, 0)
 
 

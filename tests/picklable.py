@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 import numpy as np
 
@@ -63,4 +64,11 @@ def killed(number: int) -> int:
     """Work in which the second piece ends its process, as a system without memory does."""
     if number == 1:
         os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def lasting(number: int) -> int:
+    """Work that says who does it and takes longer than any test."""
+    print(os.getpid(), flush=True)
+    time.sleep(600.0)
     return number

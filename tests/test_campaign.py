@@ -1,8 +1,14 @@
 """Campaigns: paired, reproducible, resumable; every weakened shield is broken, and the whole one is not."""
 
+import contextlib
 import json
+import os
 import shutil
+import signal
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,6 +137,22 @@ def test_a_folder_of_another_campaign_is_refused(finished, field):
 def test_a_killed_worker_is_one_line_that_says_how_to_go_on():
     with pytest.raises(WorkerError, match="same call goes on"):
         run(killed, range(3), 2, lambda _: None)
+
+
+def test_workers_end_with_a_parent_that_was_killed():
+    code = "from picklable import lasting; from jssa_gym.evaluation.workers import run; run(lasting, range(2), 2, id)"
+    here, path = str(Path(__file__).parent), os.environ.get("PYTHONPATH")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([here, path] if path else [here])}
+    with subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True) as parent:
+        workers = [int(parent.stdout.readline()) for _ in range(2)]
+        try:
+            parent.kill()
+            # they hold the pipe's other end: it is closed when the last of them is gone
+            parent.communicate(timeout=30.0)
+        finally:
+            for worker in workers:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(worker, signal.SIGKILL)
 
 
 def test_other_code_is_refused(finished, monkeypatch):
@@ -329,7 +351,9 @@ def test_a_disagreement_is_counted_and_its_recording_kept(tmp_path, monkeypatch)
     assert {path.name for path in ledger.traces.iterdir()} == files
     trace = load_trace(ledger.traces / ledger.episodes[0].trace_name)
     assert len(trace.time) == 20
-    assert read_meta(ledger.traces / ledger.episodes[0].trace_name)["seed"] == ledger.episodes[0].seed
+    meta = read_meta(ledger.traces / ledger.episodes[0].trace_name)
+    assert meta["seed"] == ledger.episodes[0].seed
+    assert meta["source"] == source_hash()
     ledger.keep_worst(ledger.episodes, 1)
     assert len(list(ledger.traces.iterdir())) == 1
 

@@ -14,6 +14,7 @@ from jssa_gym.cli.compare import Compare
 from jssa_gym.cli.evaluate import Evaluate
 from jssa_gym.cli.replay import Replay
 from jssa_gym.evaluation import load_trace, read_meta, save_trace
+from jssa_gym.evaluation.identity import code_version
 from jssa_gym.exceptions import MissingExtraError, ParameterError
 
 
@@ -139,6 +140,27 @@ def test_replay_sees_what_was_changed(folder, tmp_path, capsys):
             Replay(tmp_path / "changed.npz", figure=False, video=False, **options).run()
         assert caught.value.code == 1
         assert word in capsys.readouterr().out
+
+
+def test_replay_says_if_other_code_made_a_recording_that_goes_another_way(folder, tmp_path, capsys):
+    path = next((folder / "traces").iterdir())
+    trace, meta = load_trace(path), read_meta(path)
+    assert {name: meta[name] for name in code_version()} == code_version()
+    nameless = {name: value for name, value in meta.items() if name not in code_version()}
+    for told, words in (
+        (meta, "the same version of the code made the recording"),
+        (meta | {"source": "0" * 16}, "made by another version of the code, which may be why"),
+        (meta | {"version": "0.0.1"}, "version 0.0.1 (source"),
+        (nameless, "does not say which version of the code"),
+    ):
+        save_trace(replace(trace, distance=trace.distance + 1e-3), tmp_path / "changed.npz", told)
+        with pytest.raises(SystemExit):
+            Replay(tmp_path / "changed.npz", figure=False, video=False, again=True).run()
+        assert words in capsys.readouterr().out
+    # only a difference needs a reason
+    save_trace(trace, tmp_path / "old.npz", nameless)
+    Replay(tmp_path / "old.npz", figure=False, video=False, again=True).run()
+    assert "version of the code" not in capsys.readouterr().out
 
 
 def test_replay_draws(folder, tmp_path):

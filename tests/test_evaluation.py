@@ -14,6 +14,7 @@ from jssa_gym.evaluation import Summary, rollout, summarise
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.robots import JointLimits
+from jssa_gym.shields.reasons import UNRECOVERABLE
 from jssa_gym.types import Status, Trace
 
 LIMITS = JointLimits(
@@ -68,6 +69,11 @@ def tiny(**changes) -> Trace:
         "human_end": np.zeros((6, 1, 3)),
     }
     return Trace(**(values | changes))
+
+
+def test_a_clip_to_less_than_the_jerk_bounds_is_more_than_a_clip():
+    reason = np.array(["", "rows", UNRECOVERABLE, "", "box", ""])
+    assert summarise(tiny(reason=reason), LIMITS).trigger_rate == pytest.approx(3.0 / 6.0)
 
 
 def test_a_summary_by_hand():

@@ -26,6 +26,7 @@ from jssa_gym.shields import (
     SSSParams,
     make_filter,
 )
+from jssa_gym.shields.reasons import OUTSIDE, UNRECOVERABLE
 from jssa_gym.types import CapsuleSet, Scene, Status
 
 DT = 0.008
@@ -428,6 +429,30 @@ def test_somebody_far_away_changes_nothing(robot, make_scene, name):
     decision = chosen.decide(scene, nominal)
     assert decision.status == Status.NOMINAL
     np.testing.assert_array_equal(decision.jerk, nominal)
+
+
+@pytest.mark.parametrize("name", list(FILTERS))
+@pytest.mark.parametrize("human", [nobody(), Body.facing().at((4.0, 0.0), (0.0, 0.0))], ids=["nobody", "far away"])
+def test_a_clipped_nominal_is_told_from_one_that_would_break_the_joint_limits(robot, make_scene, name, human):
+    chosen = make_filter(name, robot, DT, viability=True)
+    at_rest = [HOME, 0.0 * HOME, 0.0 * HOME]
+    # the first joint is about to exceed its velocity limit, unless it brakes
+    fast, first = [HOME, np.eye(6)[0] * 0.99999 * robot.limits.velocity, 0.0 * HOME], np.eye(6)[0]
+    for state, nominal, reason in (
+        (at_rest, 2.0 * JERK, OUTSIDE),
+        (fast, 0.5 * first * JERK, UNRECOVERABLE),
+        (fast, 2.0 * JERK, UNRECOVERABLE),
+        (fast, (2.0 - 2.5 * first) * JERK, OUTSIDE),
+        (fast, (2.0 - 1.5 * first) * JERK, UNRECOVERABLE),
+        (fast, -2.0 * first * JERK, OUTSIDE),
+    ):
+        scene = make_scene(state, human)
+        chosen.reset(scene)
+        decision = chosen.decide(scene, nominal)
+        assert (decision.status, decision.reason) == (Status.PROJECTED, reason)
+        clipped = np.clip(nominal, -robot.limits.jerk, robot.limits.jerk)
+        assert (decision.jerk == clipped).all() == (reason == OUTSIDE)
+        np.testing.assert_array_equal(decision.jerk, np.clip(nominal, chosen.lower, chosen.upper))
 
 
 # ---- beside a person: the paper's scene, and what else an arm may meet ---------------------------------------

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +15,7 @@ from jssa_gym import plots
 from jssa_gym.cli.evaluate import find_policies_here
 from jssa_gym.cli.files import writable_folder
 from jssa_gym.cli.film import EVERY, film, pictures
+from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.replay import judge
 from jssa_gym.evaluation.stage import digest_of, played_again
 from jssa_gym.evaluation.trace import load_trace, read_meta
@@ -68,6 +70,8 @@ class Replay:
             console.print(
                 f"played again: {'the same bit for bit' if same else 'DIFFERENT'} (SHA-256 {digest_of(trace)[:16]})"
             )
+            if not same:
+                console.print(_made_by(meta))
         if self.figure or self.video:
             self._draw(trace, robot)
         if not agrees:
@@ -116,6 +120,17 @@ def _tell(verdict: Verdict, console: Console) -> None:
             f"  {contact.start:.3f} s to {contact.end:.3f} s: {contact.one} and {contact.other}, {contact.depth:.3g} m "
             f"deep, arm at {contact.speed:.3g} m/s, fault: {contact.fault}"
         )
+
+
+def _made_by(meta: Mapping[str, Any]) -> str:
+    """Whether a difference may come from the code."""
+    made, here = {name: meta.get(name) for name in ("version", "source")}, code_version()
+    if None in made.values():
+        return "the recording does not say which version of the code made it: another one may be why"
+    if made == here:
+        return "the same version of the code made the recording"
+    told = " and ".join(f"version {code['version']} (source {code['source']})" for code in (made, here))
+    return f"the recording was made by another version of the code, which may be why: {told} now"
 
 
 def _same(one: Trace, other: Trace) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace
 from jssa_gym.exceptions import TraceError
 from jssa_gym.humans import nobody
@@ -138,7 +139,7 @@ def save_counterexample(
     trace = play_on(robot, index, found, dt=dt, viable=viable)
     state = {name: value for name, value in asdict(found).items() if not isinstance(value, np.ndarray)}
     meta = {"boundary": state, "velocity": found.velocity.tolist(), "index": asdict(index), "viable": viable}
-    save_trace(trace, path, meta)
+    save_trace(trace, path, meta | code_version())
     return trace
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.evaluation.campaign import Campaign, Cell
 from jssa_gym.evaluation.contenders import CONTENDERS, PEOPLE, shielded, within_assumptions
+from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.ledger import Chunk, trace_name
 from jssa_gym.evaluation.replay import judge
 from jssa_gym.evaluation.rollout import rollout
@@ -225,7 +226,7 @@ def play(chunk: Chunk[Campaign, Cell]) -> list[Episode]:
             episode, trace = arena.judged(episode)
             if episode.broken:
                 chunk.traces.mkdir(parents=True, exist_ok=True)
-                meta = {"seed": seed, "task": campaign.task, **chunk.cell._asdict()}
+                meta = {"seed": seed, "task": campaign.task, **chunk.cell._asdict(), **code_version()}
                 save_trace(trace, chunk.traces / episode.trace_name, meta)
         episodes.append(episode)
     return episodes

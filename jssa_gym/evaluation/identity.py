@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 
+from jssa_gym.evaluation.ledger import package_version, source_hash
 from jssa_gym.exceptions import ParameterError
 
 
@@ -18,6 +19,11 @@ def named(thing: Any) -> str:
     if isinstance(thing, gym.Env):
         return thing.spec.id if thing.spec is not None else type(thing.unwrapped).__name__
     return getattr(thing, "__name__", type(thing).__name__)
+
+
+def code_version() -> dict[str, str]:
+    """Which code this is: ``version`` of the package and ``source``, the hash of what decides how an episode goes."""
+    return {"version": package_version(), "source": source_hash()}
 
 
 def code_digest(thing: Any) -> str:

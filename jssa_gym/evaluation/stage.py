@@ -11,6 +11,7 @@ import numpy as np
 from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.evaluation.episodes import POLICY_SEEDS, digest
 from jssa_gym.evaluation.geometry import geometry
+from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.ledger import Chunk, trace_name
 from jssa_gym.evaluation.metrics import Summary, summarise
 from jssa_gym.evaluation.plans import Setting, Single, Study, make_policy
@@ -122,9 +123,10 @@ def record(chunk: Chunk[AnyStudy, Setting]) -> list[tuple[Path, str]]:
 
 
 def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str, Any]:
-    """Where a recording comes from, for :func:`played_again`."""
+    """Where a recording comes from, for :func:`played_again`, and which code made it."""
     named = isinstance(plan, Study)
-    return {**setting._asdict(), "seed": seed, "steps": plan.steps, "digest": told, "named": named}
+    played = {**setting._asdict(), "seed": seed, "steps": plan.steps, "digest": told, "named": named}
+    return played | code_version()
 
 
 def played_again(meta: Mapping[str, Any], *, trust_pickle: bool = False) -> Trace:

@@ -77,8 +77,8 @@ def save_trace(trace: Trace, path: str | Path, meta: Mapping[str, Any] | None = 
     Args:
         trace: The episode.
         path: Of the file; it is replaced.
-        meta: Where the episode comes from, as JSON can hold it: seed, environment's id, filter, human, policy,
-            version of the package.
+        meta: Where the episode comes from, as JSON can hold it: seed, environment's id, filter, human, policy;
+            evaluations, campaigns and certificates add the package's ``version`` and the hash of its ``source``.
 
     Raises:
         TraceError: The trace's arrays do not fit together, or JSON cannot hold ``meta``.

@@ -20,7 +20,7 @@ from jssa_gym.safety.projectors import PROJECTORS
 from jssa_gym.safety.proximity import agent_records, plane_records
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.horizon import Horizon
-from jssa_gym.shields.reasons import OUTSIDE
+from jssa_gym.shields.reasons import of_clipping
 from jssa_gym.types import Array, Decision, Scene, Status
 from jssa_gym.validation import known_name, positive_number
 
@@ -232,7 +232,9 @@ class JSSAFilter(SafetyFilter):
     ) -> Decision:
         if rows == 0 and kept:
             jerk = jerk.copy()
-            status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, OUTSIDE)
+            status, reason = Status.NOMINAL, ""
+            if not inside:
+                status, reason = Status.PROJECTED, of_clipping(nominal, self._clipped, self._bounds[4])
         elif kept:
             status, reason = Status.PROJECTED, "safety rows"
         else:

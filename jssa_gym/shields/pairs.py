@@ -13,7 +13,7 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.projectors import ExactProjector
 from jssa_gym.shields.filter import SafetyFilter
-from jssa_gym.shields.reasons import OUTSIDE
+from jssa_gym.shields.reasons import of_clipping
 from jssa_gym.types import Array, Decision, HalfSpaces, Scene, Status
 
 Rows = Literal["closest", "all"]
@@ -113,7 +113,9 @@ class PairFilter(SafetyFilter):
 
     def _untouched(self, nominal: Array, inside: bool, phi: float) -> Decision:
         """Nothing stands against the nominal but perhaps the box."""
-        status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, OUTSIDE)
+        status, reason = Status.NOMINAL, ""
+        if not inside:
+            status, reason = Status.PROJECTED, of_clipping(nominal, self._clipped, self._bounds[4])
         return self._decided(self._clipped.copy(), nominal, status, reason, phi)
 
     def _decided(

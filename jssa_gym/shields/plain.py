@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields.filter import SafetyFilter
-from jssa_gym.shields.reasons import OUTSIDE
+from jssa_gym.shields.reasons import of_clipping
 from jssa_gym.types import Array, Decision, Scene, Status
 
 
@@ -14,7 +14,9 @@ class NoFilter(SafetyFilter):
     """Applies the nominal inside the jerk bounds: the baseline that protects nobody, but still fails closed."""
 
     def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
-        status, reason = (Status.NOMINAL, "") if inside else (Status.PROJECTED, OUTSIDE)
+        status, reason = Status.NOMINAL, ""
+        if not inside:
+            status, reason = Status.PROJECTED, of_clipping(nominal, self._clipped, self._bounds[4])
         return Decision(self._clipped.copy(), nominal, status, reason, np.nan, np.nan, (-1, -1), 0.0, 0)
 
 

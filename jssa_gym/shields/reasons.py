@@ -1,4 +1,8 @@
-"""Reasons that decisions give, where a kernel says why by a number."""
+"""Reasons that decisions give, where a kernel says why by a number or several filters say the same."""
+
+import numpy as np
+
+from jssa_gym.types import Array
 
 FAULTS = (
     "",
@@ -18,4 +22,13 @@ UNFIT = (
 """Of the answer, by the number of :func:`~jssa_gym.kernels.tick.unfit`."""
 
 OUTSIDE = "outside the jerk bounds"
-"""Of a decision that only clipped the nominal."""
+"""Of a decision that only clipped the nominal to the jerk bounds."""
+
+UNRECOVERABLE = "would leave no way to keep the joint limits"
+"""Of a decision that only clipped the nominal, to a viability box narrower than the jerk bounds."""
+
+
+def of_clipping(nominal: Array, clipped: Array, bound: Array) -> str:
+    """Why the nominal was clipped: by the jerk bounds alone, or by the viability box in some joint; shapes (n,)."""
+    plain = np.maximum(np.minimum(nominal, bound), -bound)
+    return OUTSIDE if (clipped == plain).all() else UNRECOVERABLE
