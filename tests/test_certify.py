@@ -613,6 +613,12 @@ def test_the_command_fails_where_there_are_counter_examples_and_replays_them(tmp
     assert json.loads(printed) == saved
     assert not saved["holds"]
     assert saved["links"][0]["margin"] < 0.0
+    link = saved["links"][0]
+    assert 0 < link["infeasible_inside"] <= link["infeasible"]["k"]
+    _, printed = command(capsys, *asked, "--capsules", "upper_arm")
+    inside = f"{link['infeasible_inside']:,} / {1000 - link['outside']['k']:,}"
+    assert f"inside the set 𝒞 of such approaches {inside}" in " ".join(printed.split())
+    assert "the set does not hold" in printed
     recording = tmp_path / "out" / "counterexample-upper_arm.npz"
     code, printed = command(capsys, "--replay", recording, "--json")
     played = json.loads(printed)
@@ -633,6 +639,7 @@ def test_the_command_passes_where_there_are_none(tmp_path, capsys):
     code, printed = command(capsys, "--lambda1", 3, "--lambda2", 1, "--states", 300, "--out", tmp_path, *REST_OPTIONS)
     assert code == 0
     assert "no counter-example was found" in printed
+    assert "none that was drawn leaves it" in printed
     assert sorted(path.name for path in tmp_path.iterdir()) == ["certificate.json", "chunks.jsonl"]
 
 

@@ -46,7 +46,7 @@ from jssa_gym.evaluation.plans import Setting, Single
 from jssa_gym.evaluation.report import METRICS, column
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.stage import Scored, digest_of, played_again, score
-from jssa_gym.evaluation.svg import Panel, ticks
+from jssa_gym.evaluation.svg import Panel, colour, dashes, marker, ticks
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import InterfaceError, ParameterError
@@ -605,6 +605,13 @@ def test_the_page_says_every_number(finished):
     assert "nan" not in html.lower().replace("maintenance", "")
     for word in ("safe in reality", "guarantee", "certified", "provably"):
         assert word not in text
+
+
+def test_no_two_of_thirty_filters_look_alike():
+    marks = {marker(k, 0.0, 0.0) for k in range(32)}
+    lines = {(colour(k), dashes(k)) for k in range(32)}
+    assert len(marks) == len(lines) == 32
+    assert "<title>a &lt;b&gt;</title>" in marker(9, 1.0, 2.0, "a <b>")
 
 
 def test_names_are_escaped(finished):

@@ -231,7 +231,8 @@ def _show(found: Certificate) -> None:
     table = Table(
         title=f"states with φ = 0 that no jerk keeps: λ = ({index.lambda1:g}, {index.lambda2:g}), {index.d_min:g} m",
     )
-    for title in ("", "infeasible", "outside 𝒞", "worst φ after a step", "found at", "jerk: least, 1 %, median"):
+    titles = ("", "infeasible", "outside 𝒞", "infeasible inside", "worst φ after a step", "found at")
+    for title in (*titles, "jerk: least, 1 %, median"):
         table.add_column(title)
     for link in found.links:
         worst = link.worst
@@ -239,6 +240,7 @@ def _show(found: Certificate) -> None:
             link.capsule,
             str(link.infeasible),
             f"{100.0 * link.outside.value:.2g} %",
+            f"{link.infeasible_inside:,} / {link.outside.n - link.outside.k:,}",
             f"{worst.ahead:+.3g} m² (drawn {link.worst_drawn:+.3g})",
             f"{worst.distance:.2f} m, tip {worst.tip_speed:.2f} m/s, authority {worst.authority:.1f} m/s³",
             f"{link.least_jerk:.3g}, {link.jerk[0.01]:.3g}, {link.jerk[0.5]:.3g} m/s³",
@@ -250,6 +252,11 @@ def _show(found: Certificate) -> None:
     console.print(kept)
     edge = ", ".join(f"{speed:.2f} m/s at {D:g} m" for D, speed in found.fastest_approach.items())
     console.print(f"the index alone ends approaches up to: {edge}", highlight=False)
+    if (inside := found.inside) is not None:
+        said = "the set does not hold" if inside.k else "none that was drawn leaves it"
+        console.print(
+            f"of the states inside the set 𝒞 of such approaches {inside} are infeasible: {said}", highlight=False
+        )
     console.print(
         f"the sufficient condition asks for a jerk of {found.needed_jerk:.3g} m/s³: "
         f"{'holds' if found.suffices else 'does not hold'} on the domain",

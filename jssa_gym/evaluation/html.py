@@ -15,7 +15,7 @@ from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.stage import Scored
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
-from jssa_gym.evaluation.svg import Panel, colour, dashes
+from jssa_gym.evaluation.svg import Panel, colour, dashes, marker
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -94,8 +94,8 @@ def _list(names: Sequence[str]) -> str:
 
 def _keys(number: dict[str, int]) -> str:
     return "".join(
-        f'<span class="key"><svg width="26" height="8"><line x1="0" x2="26" y1="4" y2="4" stroke="{colour(k)}" '
-        f'stroke-width="3" stroke-dasharray="{dashes(k)}"/></svg> {escape(name)}</span>'
+        f'<span class="key"><svg width="48" height="14"><line x1="0" x2="48" y1="7" y2="7" stroke="{colour(k)}" '
+        f'stroke-width="2" stroke-dasharray="{dashes(k)}"/>{marker(k, 24.0, 7.0)}</svg> {escape(name)}</span>'
         for name, k in number.items()
     )
 

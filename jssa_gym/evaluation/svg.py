@@ -23,6 +23,21 @@ def dashes(k: int) -> str:
     return ("", "6 3", "2 3", "8 3 2 3")[(k // len(COLOURS)) % 4]
 
 
+def marker(k: int, x: float, y: float, title: str = "") -> str:
+    """Of the k-th thing's points: where colours repeat, shapes differ; at ``x``, ``y`` [pixels]."""
+    corners = (
+        (),
+        ((-4.5, -4.5), (4.5, -4.5), (4.5, 4.5), (-4.5, 4.5)),
+        ((0.0, -6.5), (6.0, 4.5), (-6.0, 4.5)),
+        ((0.0, -6.5), (6.5, 0.0), (0.0, 6.5), (-6.5, 0.0)),
+    )[(k // len(COLOURS)) % 4]
+    shape = f'circle cx="{x:.1f}" cy="{y:.1f}" r="5"'
+    if corners:
+        shape = f'polygon points="{" ".join(f"{x + a:.1f},{y + b:.1f}" for a, b in corners)}"'
+    told = f"<title>{escape(title)}</title>" if title else ""
+    return f'<{shape} fill="{colour(k)}">{told}</{shape.split()[0]}>'
+
+
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
     """Round numbers from low to high."""
     step = (high - low) / about
@@ -112,10 +127,7 @@ class Panel:
                 f'<line x1="{self._across(x1):.1f}" x2="{self._across(x2):.1f}" y1="{self._up(y1):.1f}" '
                 f'y2="{self._up(y2):.1f}" {line}/>'
             )
-        self._parts.append(
-            f'<circle cx="{self._across(a):.1f}" cy="{self._up(b):.1f}" r="5" fill="{colour(k)}">'
-            f"<title>{escape(title)}</title></circle>"
-        )
+        self._parts.append(marker(k, self._across(a), self._up(b), title))
 
     def box(self, row: int, quantiles: Sequence[float], k: int, title: str) -> None:
         """Least, lower quartile, median, upper quartile and largest of something, along x."""

@@ -95,6 +95,12 @@ class Certificate:
         return all(link.holds for link in self.links)
 
     @property
+    def inside(self) -> Rate | None:
+        """Infeasible states among those inside the certificate set, of all links together; None if none is inside."""
+        inside = sum(link.outside.n - link.outside.k for link in self.links)
+        return Rate.of(sum(link.infeasible_inside for link in self.links), inside) if inside else None
+
+    @property
     def suffices(self) -> bool:
         """Whether the sufficient condition holds with the smallest jerk that was drawn."""
         return all(link.least_jerk >= self.needed_jerk for link in self.links)
