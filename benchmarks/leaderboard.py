@@ -5,7 +5,7 @@
 
 Several folders are one table; none may repeat a cell of another. The first filter, or those of --ours, are compared
 with every other one in every cell (task, people, policy) on the same seeds: "behind" means that the 95 % interval of
-the paired difference excludes 0 to its disadvantage. Forty cells and thirteen rivals make some by chance. A cell counts
+the paired difference excludes 0 to its disadvantage. Many cells and thirteen rivals make some by chance. A cell counts
 only where ours and every rival have the same seeds. Success without contact is success in an episode in which nobody
 was touched, by an arm at rest neither. --rivals names those that count; by default all.
 """
@@ -28,6 +28,10 @@ ASKED = {"moving contact": -1, "success without contact": 1}
 """What is compared; whether more is better."""
 
 
+YES_OR_NO = {"1": True, "True": True, "0": False, "False": False}
+"""What else stands in a file is an error, not a no."""
+
+
 def read(folders: Sequence[Path]) -> Episodes:
     """The episodes of comparisons' folders."""
     found: Episodes = defaultdict(lambda: defaultdict(dict))
@@ -36,7 +40,7 @@ def read(folders: Sequence[Path]) -> Episodes:
         with (folder / "episodes.csv").open(newline="") as file:
             rows = list(csv.DictReader(file))
         for row in rows:
-            contact, success, moving = (row[x] in ("True", "1") for x in ("collision", "success", "moving_contact"))
+            contact, success, moving = (YES_OR_NO[row[x]] for x in ("collision", "success", "moving_contact"))
             cell = (row["task"], row["human"], row["policy"])
             if cell in before:
                 raise SystemExit(f"{folder} repeats the cell {', '.join(cell)}")
@@ -45,7 +49,7 @@ def read(folders: Sequence[Path]) -> Episodes:
                 "moving contact": moving,
                 "success": success,
                 "success without contact": success and not contact,
-                "limit violation": float(row["limit_violation_rate"]) > 0.0,
+                "limit violation": not float(row["limit_violation_rate"]) <= 0.0,
             }
     return found
 
@@ -97,8 +101,7 @@ def by_cell(found: Episodes, filters: Sequence[str], name: str, policy: str) -> 
 def verdicts(found: Episodes, ours: str, rivals: Sequence[str], policies: Sequence[str]) -> None:
     """Cells in which somebody is better than ours."""
     for name, who in (("moving contact", None), ("success without contact", policies)):
-        asked = {key: cell for key, cell in found.items() if who is None or key[2] in who}
-        cells = {key: cell for key, cell in asked.items() if comparable(cell, (ours, *rivals))}
+        cells = {key: cell for key, cell in found.items() if who is None or key[2] in who}
         worse = {
             key: found_behind
             for key, cell in cells.items()
@@ -107,7 +110,7 @@ def verdicts(found: Episodes, ours: str, rivals: Sequence[str], policies: Sequen
         empty = sum(not any(e[name] for one in cell.values() for e in one.values()) for cell in cells.values())
         print(
             f"\n`{ours}` on {name}: first or tied in {len(cells) - len(worse)} of {len(cells)} cells, in {empty} of "
-            f"which there is none by any filter; {len(asked) - len(cells)} cells are incomplete"
+            f"which there is none by any filter"
         )
         for key, others in worse.items():
             told = ", ".join(f"`{rival}` by {100 * x:.0f}" for rival, x in sorted(others.items(), key=lambda t: -t[1]))
@@ -151,6 +154,11 @@ def main() -> None:
     ):
         if missing := sorted({*(names or ())} - {*known}):
             parser.error(f"{option}: nothing of {', '.join(missing)} in there; there is {', '.join(known)}")
+    if short := [key for key, cell in found.items() if not comparable(cell, filters)]:
+        print(f"incomplete, and so left out: {'; '.join(', '.join(key) for key in short)}\n")
+    found = {key: cell for key, cell in found.items() if key not in short}
+    if not found:
+        parser.error("no cell in which all filters have the same seeds")
     overview(found, filters, args.purposeful)
     for policy in policies:
         by_cell(found, filters, "success without contact", policy)

@@ -54,11 +54,24 @@ def test_who_does_worse_is_behind_and_who_does_as_well_is_tied(tmp_path, monkeyp
 
 
 def test_a_cell_in_which_somebody_misses_seeds_counts_for_nobody(tmp_path, monkeypatch, capsys):
+    outcomes = {"ours": (always, never), "rival": (always, never)}
+    one, other = comparison(tmp_path / "a", outcomes), comparison(tmp_path / "b", outcomes, task="reach")
+    text = (one / "episodes.csv").read_text().splitlines()
+    (one / "episodes.csv").write_text("\n".join(text[:-1]) + "\n")
+    told = verdict(monkeypatch, capsys, one, other)
+    assert "incomplete, and so left out: home, walk_by, jpc" in told
+    assert "first or tied in 1 of 1 cells" in told
+    assert "| `ours` | 0 / 40 " in told
+    with pytest.raises(SystemExit):
+        verdict(monkeypatch, capsys, one)
+
+
+def test_what_is_neither_yes_nor_no_is_an_error(tmp_path, monkeypatch, capsys):
     folder = comparison(tmp_path / "a", {"ours": (always, never), "rival": (always, never)})
-    text = (folder / "episodes.csv").read_text().splitlines()
-    (folder / "episodes.csv").write_text("\n".join(text[:-1]) + "\n")
-    assert "first or tied in 0 of 0 cells" in verdict(monkeypatch, capsys, folder)
-    assert "1 cells are incomplete" in verdict(monkeypatch, capsys, folder)
+    path = folder / "episodes.csv"
+    path.write_text(path.read_text().replace("True", "1.0"))
+    with pytest.raises(KeyError, match=r"1\.0"):
+        verdict(monkeypatch, capsys, folder)
 
 
 def test_several_folders_are_one_table_but_no_cell_is_counted_twice(tmp_path, monkeypatch, capsys):

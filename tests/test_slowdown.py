@@ -42,6 +42,8 @@ def test_the_ratio_is_over_goals_reached_both_ways_and_the_others_are_counted(ep
 def test_a_goal_that_was_left_again_was_not_reached(episode):
     found = slowdown(report(episode, [1.0, 1.0], success=[False, True]), report(episode, [1.0, 1.0]))
     assert (found.ratio.n, found.lost.k) == (1, 1)
+    found = slowdown(report(episode, [1.0, 1.0]), report(episode, [1.0, 1.0], success=[False, True]))
+    assert (found.ratio.n, found.lost.k, found.lost.n) == (1, 0, 1)
 
 
 def test_nothing_is_said_where_there_is_nothing_to_compare(episode):
@@ -50,8 +52,9 @@ def test_nothing_is_said_where_there_is_nothing_to_compare(episode):
     assert found.ratio is None
     assert found.lost.k == 2
     assert str(found).startswith("no goal was reached both ways")
-    with pytest.raises(ParameterError, match="the same seeds"):
-        slowdown(report(episode, [1.0]), report(episode, [1.0], seed=1))
+    for other in ({"seed": 1}, {"policy": "another"}):
+        with pytest.raises(ParameterError, match="the same policy and seeds"):
+            slowdown(report(episode, [1.0]), Report.of([replace(episode, **({"seed": 0} | other))]))
 
 
 def test_the_command_plays_the_same_goals_alone(tmp_path, capsys):
@@ -59,7 +62,8 @@ def test_the_command_plays_the_same_goals_alone(tmp_path, capsys):
     replace(command, json=True).run()
     told = json.loads(capsys.readouterr().out)["slowdown"]
     assert told["lost"]["n"] == 2
-    assert told["ratio"] is None or told["ratio"]["value"] >= 0.9
+    assert told["ratio"]["n"] + told["lost"]["k"] == 2
+    assert told["ratio"]["value"] >= 0.9
     command.run()
     assert "time to the goal over that without filter and people" in capsys.readouterr().out
     with (tmp_path / "alone" / "episodes.csv").open(newline="") as file:

@@ -24,9 +24,10 @@ class Slowdown:
 
 
 def slowdown(report: Report, alone: Report) -> Slowdown | None:
-    """Compare an evaluation with one of the same task, policy and seeds, without a filter and with nobody there.
+    """Compare an evaluation with one of the same policy and seeds, without a filter and with nobody there.
 
-    A seed stands for a goal, whoever is there.
+    A seed stands for a goal, whoever is there. Of a task that holds a goal from the beginning (Home) the ratio says
+    nothing; what was lost does.
 
     Args:
         report: Of what is judged, of one setting.
@@ -36,16 +37,15 @@ def slowdown(report: Report, alone: Report) -> Slowdown | None:
         None if no goal was reached alone: there is no time to compare with.
 
     Raises:
-        ParameterError: The seeds differ.
+        ParameterError: Policies or seeds differ. That the tasks are the same is the caller's affair.
     """
-    seeds = [[episode.seed for episode in one.episodes] for one in (report, alone)]
-    if seeds[0] != seeds[1]:
-        raise ParameterError("both evaluations have to be of the same seeds, one setting each")
+    trials = [[(e.policy, e.seed) for e in one.episodes] for one in (report, alone)]
+    if trials[0] != trials[1]:
+        raise ParameterError("both evaluations have to be of the same policy and seeds")
     here, there = (column(one.episodes, "time_to_goal") for one in (report, alone))
-    reached = np.isfinite(there)
+    # who was there once and did not stay, where staying is the task, has not reached it
+    success, reached = (column(one.episodes, "success") > 0.0 for one in (report, alone))
     if not reached.any():
         return None
-    # of a task that holds a goal, success is another thing than having been there once
-    success = column(report.episodes, "success") > 0.0
     ratio = np.where(reached & success, here / there, np.nan)
     return Slowdown(means(ratio[:, None])[0], Rate.of(int((reached & ~success).sum()), int(reached.sum())))
