@@ -16,13 +16,16 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields import (
     FILTERS,
+    CBFFilter,
     CBFParams,
     NoFilter,
     PFMParams,
     Shield,
     SMAParams,
+    SSAFilter,
     SSAParams,
     SSMParams,
+    SSSFilter,
     SSSParams,
     make_filter,
 )
@@ -33,6 +36,8 @@ DT = 0.008
 TABLE = 0.87
 HOME = np.array([0.0, 0.0, 0.0, 0.0, -np.pi / 2.0, 0.0])
 JERK = np.radians([3798.0, 3408.0, 3505.0, 7011.0, 7011.0, 10712.0])
+HEAVY = np.diag([4.0, 9.0, 1.0, 0.5, 2.0, 1.0]) + 0.2
+"""A metric in which no joint is like another."""
 CHAIN = [ref.lr_mate_chain()[0]._replace(offset=np.array([0.0, 0.0, 0.330 + TABLE])), *ref.lr_mate_chain()[1:]]
 
 
@@ -110,10 +115,11 @@ def test_derivatives_are_those_of_the_motion(robot, random_scene):
 # ---- safe set algorithm -----------------------------------------------------------------------------------
 
 
-def test_ssa_gives_the_nearest_acceleration_that_lets_the_index_fall(robot, random_scene):
+@pytest.mark.parametrize("V", [None, HEAVY], ids=["plain", "weighted"])
+def test_ssa_gives_the_nearest_acceleration_that_lets_the_index_fall(robot, random_scene, V):
     params, seen = SSAParams(), {}
-    chosen = make_filter("ssa", robot, DT)
-    for scene, nominal in scenes(random_scene, 90, motion=0.02):
+    chosen = SSAFilter(robot, DT, weight=V)
+    for scene, nominal in scenes(random_scene, 140, motion=0.02):
         decision = chosen.decide(scene, nominal)
         seen[decision.status] = seen.get(decision.status, 0) + 1
         i, j = nearest_pair(scene)
@@ -131,9 +137,10 @@ def test_ssa_gives_the_nearest_acceleration_that_lets_the_index_fall(robot, rand
         if np.abs(row).max() < 1e-3:  # the base column: no acceleration helps
             assert decision.status == Status.RELAXED
             continue
-        # one half-space: the nearest point is along the row
-        step = (rate + params.eta) / (params.lambda1 * np.dot(row, row))
-        safe = acceleration + step * row
+        # one half-space: the nearest point is along the row, seen in the metric
+        way = row if V is None else np.linalg.solve(V, row)
+        step = (rate + params.eta) / (params.lambda1 * np.dot(row, way))
+        safe = acceleration + step * way
         after = phi_rate(D, params.lambda1) - params.lambda1 * np.dot(row, safe - scene.robot.acceleration)
         assert after == pytest.approx(-params.eta, abs=1e-9)
         expected = np.clip((safe - scene.robot.acceleration) / DT, -JERK, JERK)
@@ -159,13 +166,13 @@ def all_rows(scene: Scene, condition):
     return np.array(L).reshape(-1, 6), np.array(S)
 
 
-def assert_nearest(decision, nominal, L, S, tolerance) -> None:
+def assert_nearest(decision, nominal, L, S, tolerance, V=None) -> None:
     """The decision is what Eq. (14) asks for, by two solvers that share nothing with the package's."""
     if not len(S) or np.all(L @ nominal >= S):
         assert decision.status == Status.NOMINAL
         np.testing.assert_array_equal(decision.jerk, nominal)
         return
-    expected = ref.project_reference(nominal, L, S, -JERK, JERK, np.eye(6))
+    expected = ref.project_reference(nominal, L, S, -JERK, JERK, np.eye(6) if V is None else V)
     if expected is None:
         assert decision.status == Status.RELAXED
         least, _ = ref.least_violation(L, S, -JERK, JERK)
@@ -177,10 +184,11 @@ def assert_nearest(decision, nominal, L, S, tolerance) -> None:
         np.testing.assert_allclose(decision.jerk, expected, atol=1e-2)
 
 
-def test_cbf_keeps_what_its_poles_ask_for_in_every_pair(robot, random_scene):
+@pytest.mark.parametrize("V", [None, HEAVY], ids=["plain", "weighted"])
+def test_cbf_keeps_what_its_poles_ask_for_in_every_pair(robot, random_scene, V):
     params = CBFParams(k1=0.7, k2=4.0, k3=12.0)
     poles = np.poly([-params.k1, -params.k2, -params.k3])  # s³ + ... by numpy's hand
-    chosen, seen = make_filter("cbf", robot, DT, params=params), set()
+    chosen, seen = CBFFilter(robot, DT, params, weight=V), set()
 
     def asked(D):
         return 1.0, -(poles @ [D[3], D[2], D[1], D[0] - params.d_min])
@@ -189,7 +197,7 @@ def test_cbf_keeps_what_its_poles_ask_for_in_every_pair(robot, random_scene):
         nominal = nominal if k % 2 else 0.02 * nominal
         decision = chosen.decide(scene, nominal)
         seen.add(decision.status)
-        assert_nearest(decision, nominal, *all_rows(scene, asked), 1e-2)
+        assert_nearest(decision, nominal, *all_rows(scene, asked), 1e-2, V)
     assert seen == {Status.NOMINAL, Status.PROJECTED, Status.RELAXED}
 
 
@@ -206,9 +214,10 @@ def test_cbf_row_is_the_third_derivative_along_the_motion_under_the_jerk(robot, 
     assert met >= 5
 
 
-def test_sss_asks_only_where_the_index_is_above_0(robot, random_scene):
+@pytest.mark.parametrize("V", [None, HEAVY], ids=["plain", "weighted"])
+def test_sss_asks_only_where_the_index_is_above_0(robot, random_scene, V):
     params, seen = SSSParams(c=3.0), set()
-    chosen = make_filter("sss", robot, DT, params=params)
+    chosen = SSSFilter(robot, DT, params, weight=V)
 
     def asked(D):
         phi = params.d_min**2 - D[0] * abs(D[0]) - params.lambda1 * D[1] - params.lambda2 * D[2]
@@ -219,7 +228,7 @@ def test_sss_asks_only_where_the_index_is_above_0(robot, random_scene):
     for scene, nominal in scenes(random_scene, 8, near=0.7, motion=0.02):
         decision = chosen.decide(scene, nominal)
         seen.add(decision.status)
-        assert_nearest(decision, nominal, *all_rows(scene, asked), 1e-5)
+        assert_nearest(decision, nominal, *all_rows(scene, asked), 1e-5, V)
     assert seen >= {Status.NOMINAL, Status.PROJECTED}
 
 
@@ -613,3 +622,9 @@ WRONG = [
 def test_parameters_that_are_none_are_refused(kind, wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         kind(**wrong)
+
+
+@pytest.mark.parametrize("kind", [SSAFilter, SSSFilter, CBFFilter])
+def test_a_metric_that_is_none_is_refused(robot, kind):
+    with pytest.raises(ParameterError, match="weight"):
+        kind(robot, DT, weight=-np.ones(6))

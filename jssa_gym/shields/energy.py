@@ -1,11 +1,16 @@
 """Filters that keep an energy function from growing: SSA, SSS and CBF."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jssa_gym.kernels.projection import violation
+from jssa_gym.robots import RobotModel
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.projectors import ExactProjector
 from jssa_gym.shields.pairs import ROWS, PairFilter, Rows
 from jssa_gym.types import Array, Decision, HalfSpaces, Status
 from jssa_gym.validation import known_name, positive_number
@@ -15,6 +20,43 @@ _UNBOUNDED = 1e6
 
 _TOLERANCE = 1e-9
 """Violation of a row by rounding [m²]."""
+
+
+class RowFilter(PairFilter):
+    """A filter that projects what is wanted onto the half-spaces of some pairs.
+
+    Args:
+        robot, dt, params, viability, failsafe: See :class:`~jssa_gym.shields.filter.SafetyFilter`.
+        weight: V of the projection's metric, as in Eq. (14): None for the identity, a diagonal (n,), or a full
+            symmetric positive definite (n, n).
+
+    Raises:
+        ParameterError: A number is out of range.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        dt: float,
+        params: Any = None,
+        *,
+        weight: ArrayLike | None = None,
+        viability: bool = False,
+        failsafe: FailsafeParams | None = None,
+    ) -> None:
+        super().__init__(robot, dt, params, viability=viability, failsafe=failsafe)
+        self._projector = ExactProjector(robot.n, weight)
+
+    def _projected(self, nominal: Array, inside: bool, L: Array, S: Array, phi: float) -> Decision:
+        """The nearest jerk in box and rows; the nominal if it is there already."""
+        left = violation(L, S, len(S), self._clipped)
+        if left <= 0.0:
+            return self._untouched(nominal, inside, phi)
+        jerk, feasible, left, _ = self._projector.project(nominal, HalfSpaces(L, S), self.lower, self.upper)
+        if not left < np.inf:
+            return self._failed(nominal, "the projection found no solution")
+        status, reason = (Status.PROJECTED, "safety rows") if feasible else (Status.RELAXED, "no jerk keeps all rows")
+        return self._decided(jerk, nominal, status, reason, phi, left, len(S))
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +82,7 @@ class SSAParams:
         known_name("rows", self.rows, ROWS)
 
 
-class SSAFilter(PairFilter):
+class SSAFilter(RowFilter):
     r"""The safe set algorithm on accelerations, the paper's baseline (Section 4.3).
 
     Where :math:`\phi = d_{min}^2 - D|D| - \lambda_1\dot D \ge 0` the acceleration has to satisfy
@@ -106,7 +148,7 @@ class SSSParams:
         known_name("rows", self.rows, ROWS)
 
 
-class SSSFilter(PairFilter):
+class SSSFilter(RowFilter):
     r"""The sublevel safe set algorithm on jerks: :math:`\dot\phi \le -c\phi` where :math:`\phi \ge 0`.
 
     The index is Eq. (6), of which the jerk enters the rate. Below 0 nothing is asked for, which is all that makes it
@@ -156,7 +198,7 @@ class CBFParams:
         known_name("rows", self.rows, ROWS)
 
 
-class CBFFilter(PairFilter):
+class CBFFilter(RowFilter):
     r"""A high-order control barrier function of relative degree three, :math:`h = D - d_{min}`, for every pair.
 
     With :math:`\psi_0 = h` and :math:`\psi_i = \dot\psi_{i-1} + k_i\psi_{i-1}` the jerk has to keep

@@ -7,14 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.kernels.derivatives import derivatives
-from jssa_gym.kernels.projection import violation
 from jssa_gym.kernels.records import FRAME, PAIR, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.projectors import ExactProjector
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.reasons import of_clipping
-from jssa_gym.types import Array, Decision, HalfSpaces, Scene, Status
+from jssa_gym.types import Array, Decision, Scene, Status
 
 Rows = Literal["closest", "all"]
 """Which pairs a filter answers."""
@@ -45,7 +43,6 @@ class PairFilter(SafetyFilter):
         super().__init__(robot, dt, params, viability=viability, failsafe=failsafe)
         # d_min, lambda1, lambda2 of the index; the sliding term is left out
         self._index = np.array([*self._coefficients(), 0.0, 1.0, 0.0])
-        self._projector = ExactProjector(robot.n)
         self._frames, self._segments = records(robot.n, FRAME), records(len(robot.capsules), SEGMENT)
         self._resize(0)
 
@@ -130,14 +127,3 @@ class PairFilter(SafetyFilter):
     ) -> Decision:
         self._shown = float(phi)
         return Decision(jerk, nominal, status, reason, self._shown, self._distance, self._pair, float(slack), rows)
-
-    def _projected(self, nominal: Array, inside: bool, L: Array, S: Array, phi: float) -> Decision:
-        """The nearest jerk in box and rows; the nominal if it is there already."""
-        left = violation(L, S, len(S), self._clipped)
-        if left <= 0.0:
-            return self._untouched(nominal, inside, phi)
-        jerk, feasible, left, _ = self._projector.project(nominal, HalfSpaces(L, S), self.lower, self.upper)
-        if not left < np.inf:
-            return self._failed(nominal, "the projection found no solution")
-        status, reason = (Status.PROJECTED, "safety rows") if feasible else (Status.RELAXED, "no jerk keeps all rows")
-        return self._decided(jerk, nominal, status, reason, phi, left, len(S))
