@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tyro
 
 from jssa_gym import plots
+from jssa_gym.cli import Command
 from jssa_gym.cli.compare import Compare
-from jssa_gym.cli.evaluate import Evaluate
+from jssa_gym.cli.evaluate import Evaluate, Separation
 from jssa_gym.cli.replay import Replay
 from jssa_gym.evaluation import load_trace, read_meta, save_trace
 from jssa_gym.evaluation.identity import code_version
@@ -105,9 +107,9 @@ def test_compare_writes_a_page_with_its_own_command(folder, capsys):
     words = shlex.split(line.split("</code>")[0])
     assert words[words.index("--filters") + 1 : words.index("--humans")] == ["jssa+stop", "none"]
     assert float(words[words.index("--seconds") + 1]) == 1.6
-    words = shlex.split(Compare(seed=12_345_678, seconds=1.2345678)._command())
-    assert words[words.index("--seed") + 1] == "12345678"
-    assert float(words[words.index("--seconds") + 1]) == 1.2345678
+    told = Compare(seed=12_345_678, seconds=1.2345678, separation=Separation(0.2, 2.0, 0.12345678, 0.05))
+    words = shlex.split(told._command())
+    assert tyro.cli(Command, args=words[1:]) == told
     again = Compare(filters=("jssa+stop", "none"), humans=("pursuit",), episodes=2, seconds=1.6, out=folder, json=True)
     again.run()
     best, other = json.loads(capsys.readouterr().out)
@@ -197,3 +199,13 @@ def test_replay_of_what_it_cannot(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(plots, "require", missing)
     with pytest.raises(MissingExtraError):
         Replay(path).run()
+
+
+def test_compare_measures_separation_by_what_it_is_told(tmp_path, capsys):
+    shared = {"filters": ("none",), "humans": ("walk_by",), "episodes": 1, "seconds": 0.2, "keep": 0, "json": True}
+    margins = []
+    for name, told in (("plain", Separation()), ("reaching", Separation(intrusion=0.5))):
+        Compare(out=tmp_path / name, separation=told, **shared).run()
+        (only,) = json.loads(capsys.readouterr().out)
+        margins.append(only["means"]["ssm_margin"]["value"])
+    assert margins[0] - margins[1] == pytest.approx(0.5)

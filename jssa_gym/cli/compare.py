@@ -2,14 +2,15 @@
 
 import json
 import shlex
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+import tyro
 from rich.console import Console
 from rich.table import Table
 
-from jssa_gym.cli.evaluate import find_policies_here, play, ticks, warn
+from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.html import write_page
@@ -43,6 +44,7 @@ class Compare:
     """How many recordings of the worst episodes of every combination are kept."""
     v_safe: float = MOVING
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
+    separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
@@ -60,6 +62,7 @@ class Compare:
             seed=self.seed,
             steps=ticks(self.seconds),
             v_safe=self.v_safe,
+            separation=self.separation.params(),
             trust_pickle=self.trust_pickle,
         )
         reports = play(study, self.out, self.jobs, self.keep)
@@ -81,6 +84,8 @@ class Compare:
             parts += [f"--{name}", *getattr(self, name)]
         for name in ("episodes", "seed", "seconds", "keep", "v_safe"):
             parts += [f"--{name.replace('_', '-')}", str(getattr(self, name))]
+        for name, value in asdict(self.separation).items():
+            parts += [f"--{name.replace('_', '-')}", str(value)]
         return shlex.join([*parts, "--trust-pickle"] if self.trust_pickle else parts)
 
 

@@ -2,10 +2,11 @@
 
 import json
 import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
+import tyro
 from rich.console import Console
 from rich.table import Table
 
@@ -57,6 +58,24 @@ def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
 
 
 @dataclass(frozen=True)
+class Separation:
+    """What `ssm_margin` and its kin assume, after ISO/TS 15066, 5.5.4."""
+
+    reaction_time: float = 0.1
+    """T_r of speed and separation monitoring [s]."""
+    separation_speed: float = 1.6
+    """v_h of speed and separation monitoring [m/s]: 1.6 walking, 2 for hands and arms."""
+    intrusion: float = 0.0
+    """C of speed and separation monitoring: how far a person reaches before being seen [m]."""
+    uncertainty: float = 0.0
+    """Z_d + Z_r of speed and separation monitoring, of the person's and the robot's place [m]."""
+
+    def params(self) -> SeparationParams:
+        """For an evaluation."""
+        return SeparationParams(self.separation_speed, self.reaction_time, self.intrusion, self.uncertainty)
+
+
+@dataclass(frozen=True)
 class Evaluate:
     """Play episodes of one policy under one filter and print all metrics with 95 % intervals.
 
@@ -84,14 +103,7 @@ class Evaluate:
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     slowdown: bool = False
     """Play the same goals without filter and people as well, into the folder's `alone`, and compare times."""
-    reaction_time: float = 0.1
-    """T_r of speed and separation monitoring [s]."""
-    separation_speed: float = 1.6
-    """v_h of speed and separation monitoring [m/s]: 1.6 walking, 2 for hands and arms."""
-    intrusion: float = 0.0
-    """C of speed and separation monitoring: how far a person reaches before being seen [m]."""
-    uncertainty: float = 0.0
-    """Z_d + Z_r of speed and separation monitoring, of the person's and the robot's place [m]."""
+    separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
@@ -109,7 +121,7 @@ class Evaluate:
             seed=self.seed,
             steps=ticks(self.seconds),
             v_safe=self.v_safe,
-            separation=SeparationParams(self.separation_speed, self.reaction_time, self.intrusion, self.uncertainty),
+            separation=self.separation.params(),
             trust_pickle=self.trust_pickle,
         )
         (report,) = play(study, self.out, self.jobs, self.keep)
