@@ -139,6 +139,8 @@ def test_a_summary_by_hand():
         true_phi_violation_rate=None,
         true_forward_invariance_violations=None,
         path_length=None,
+        tracking_error=None,
+        tracking_error_end=None,
         # (5/10)² + (16/20)² + (9/10)² + (2/20)² over 12
         jerk_rms=pytest.approx(np.sqrt((0.25 + 0.64 + 0.81 + 0.01) / 12.0)),
         speed_limit_ratio=0.75,

@@ -315,6 +315,29 @@ def test_a_moving_arm_needs_more_separation(swinging, robot):
     assert path == pytest.approx(radius * trace.position[-1, 0], rel=1e-3)
 
 
+@pytest.mark.parametrize("task", ["reach", "handover"])
+def test_the_tracking_error_is_the_distance_that_the_reward_is_made_of(task):
+    env = ArmEnv(task, terminate_on=())
+    trace = rollout(env, POLICIES["wander"](env, 3), seed=3, steps=60)
+    summary = summarise(trace, env.robot.limits, geometry(trace, env.robot))
+    policy, away = POLICIES["wander"](env, 3), []
+    observation, _ = env.reset(seed=3)
+    for _ in range(60):
+        observation, *_, info = env.step(policy(observation))
+        away.append(-info[f"reward/{task}"])
+    assert summary.tracking_error == pytest.approx(np.mean(away))
+    assert summary.tracking_error_end == pytest.approx(away[-1])
+    assert summary.tracking_error_end != pytest.approx(summary.tracking_error, rel=1e-3)
+    assert summarise(trace, env.robot.limits).tracking_error is None
+
+
+def test_joints_have_no_tracking_error():
+    env = ArmEnv("home", terminate_on=())
+    trace = rollout(env, POLICIES["wander"](env, 3), seed=3, steps=10)
+    summary = summarise(trace, env.robot.limits, geometry(trace, env.robot))
+    assert summary.tracking_error is summary.tracking_error_end is None
+
+
 def test_what_the_arm_does_to_itself_and_to_the_table_is_counted(standing, robot):
     limits = robot.limits
     low, high = limits.position.T

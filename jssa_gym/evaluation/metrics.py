@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING
+from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.events import spans
 from jssa_gym.evaluation.fields import Says
 from jssa_gym.evaluation.geometry import Geometry
@@ -90,6 +91,11 @@ class Summary(StepSummary):
         int | None, Says("", "How often that index rose from ≤ 0 to above 0 in a step.")
     ]
     path_length: Annotated[float | None, Says("m", "Length of the way of the tool centre point.")]
+    tracking_error: Annotated[
+        float | None,
+        Says("m", "Mean distance of the tool centre point from its goal; none where that is no point."),
+    ]
+    tracking_error_end: Annotated[float | None, Says("m", "The same at the end of the episode.")]
     jerk_rms: Annotated[float, Says("jerk bounds", "Root mean square, over steps and joints, of the applied jerk.")]
     speed_limit_ratio: Annotated[float, Says("", "Largest joint speed over its limit.")]
     acceleration_limit_ratio: Annotated[float, Says("", "Largest joint acceleration over its limit.")]
@@ -163,6 +169,10 @@ def summarise(
     closing = trace.speed < -_SLOWEST
     phi = seen.phi if seen is not None and kinematic and len(trace.human_radius) else np.zeros(0)
     above = ~(phi <= 0.0)
+    task = TASKS.get(trace.task)
+    off = np.zeros(0)
+    if seen is not None and task is not None and task.space == "tip":
+        off = np.linalg.norm(seen.tip[1:] - trace.goal, axis=1)
     return Summary(
         **{field.name: getattr(steps, field.name) for field in dataclasses.fields(StepSummary)},
         name=trace.name,
@@ -181,6 +191,8 @@ def summarise(
         true_phi_violation_rate=_mean(above),
         true_forward_invariance_violations=int((~above[:-1] & above[1:]).sum()) if len(phi) else None,
         path_length=None if seen is None else float(np.linalg.norm(np.diff(seen.tip, axis=0), axis=1).sum()),
+        tracking_error=_mean(off),
+        tracking_error_end=float(off[-1]) if len(off) else None,
         jerk_rms=float(np.sqrt(np.mean(ratios[2] ** 2))) if len(trace.time) else 0.0,
         speed_limit_ratio=peaks[0],
         acceleration_limit_ratio=peaks[1],
