@@ -39,7 +39,7 @@ from jssa_gym.evaluation import (
 )
 from jssa_gym.evaluation.campaign import SPACING
 from jssa_gym.evaluation.events import longest, spans
-from jssa_gym.evaluation.html import page
+from jssa_gym.evaluation.html import _keys, page
 from jssa_gym.evaluation.leaderboard import PAIRED_RATES, profile, standings
 from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.plans import Setting, Single
@@ -612,6 +612,13 @@ def test_no_two_of_thirty_filters_look_alike():
     lines = {(colour(k), dashes(k)) for k in range(32)}
     assert len(marks) == len(lines) == 32
     assert "<title>a &lt;b&gt;</title>" in marker(9, 1.0, 2.0, "a <b>")
+
+
+def test_the_page_has_the_key_beside_its_plots(finished):
+    html = page(TINY, finished[1], "x", finished[0])
+    for title in ("Over everything", "Safety against getting there", "Performance profiles"):
+        section = html.split(f"<h2>{title}</h2>")[1].split("<h2>")[0]
+        assert section.startswith("<p>" + _keys({name: k for k, name in enumerate(TINY.filters)}))
 
 
 def test_names_are_escaped(finished):

@@ -35,7 +35,7 @@ def marker(k: int, x: float, y: float, title: str = "") -> str:
     if corners:
         shape = f'polygon points="{" ".join(f"{x + a:.1f},{y + b:.1f}" for a, b in corners)}"'
     told = f"<title>{escape(title)}</title>" if title else ""
-    return f'<{shape} fill="{colour(k)}">{told}</{shape.split()[0]}>'
+    return f'<{shape} fill="{colour(k)}" stroke="#fff">{told}</{shape.split()[0]}>'
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
