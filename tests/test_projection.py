@@ -252,6 +252,35 @@ def test_conflicting_rows_are_violated_least(times):
     assert conflicts >= 30 * times
 
 
+def rows_nearly_twice(rng):
+    """Rows that nearly repeat each other and hardly move some joints, as an arm inside somebody gives them."""
+    m = rng.integers(2, 5)
+    L = rng.normal(size=(m, 6)) * np.array([1e-4, 1e-4, 3e-4, 1e-20, 1e-20, 0.0])
+    L[:, 0] *= 10.0 ** rng.uniform(-6.0, 0.0)
+    L = np.concatenate([L, L * (1.0 + 10.0 ** rng.uniform(-9.0, -4.0) * rng.normal(size=(m, 6)))])
+    S = 0.01 * rng.normal(size=m)
+    S = np.concatenate([S, S * (1.0 + 10.0 ** rng.uniform(-12.0, -2.0) * rng.normal(size=m))])
+    upper = np.array([66.0, 59.0, 61.0, 122.0, 122.0, 187.0])
+    lower = np.where(np.arange(6) == 1, -(10.0 ** rng.uniform(-16.0, 2.0)), -upper)
+    return np.clip(rng.uniform(-upper, upper), lower, upper), L, S, lower, upper
+
+
+def test_rows_that_nearly_repeat_each_other_are_solved(times):
+    """Here rounding undoes what the active set has found: a solution has to come out all the same."""
+    rng, hard = np.random.default_rng(0), 0
+    for _ in range(20_000 * times):
+        nominal, L, S, lower, upper = rows_nearly_twice(rng)
+        u, feasible, left = many_rows(nominal, L, S, lower, upper, np.eye(6))
+        assert np.isfinite(left)
+        assert np.all((lower <= u) & (u <= upper))
+        assert left == max(0.0, violation(L, S, len(S), u))
+        if not feasible:
+            hard += 1
+            if hard % 20 == 0:
+                assert left == pytest.approx(ref.least_violation(L, S, lower, upper)[0], rel=1e-5, abs=1e-8)
+    assert hard >= 1000 * times
+
+
 def room_below_least(L, S, least, lower, upper):
     """How much less than the least violation each row can do with while none needs more: a linear program a row.
 

@@ -18,6 +18,13 @@ _DEPENDENT = 1e-22
 _NEGLIGIBLE = 1e-9
 """Relative part of a proof of infeasibility, or of the least violation, that does not count."""
 
+_DOUBTS = 8
+"""How often an end is checked on exact numbers before it counts.
+
+Where normals are nearly combinations of each other the check drops what the search then adds again, for ever. What
+counts then keeps what was granted, but may be farther from the nominal than it need be.
+"""
+
 
 @jit
 def _row_gap(row, L, granted, u):
@@ -214,7 +221,7 @@ def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors,
     multiplier, rate, d, u = vectors[0], vectors[1], vectors[2], vectors[3]
     used, stale, found = np.int64(0), True, False
     # memory of their own from the first conflict on: what is left of S, and 1 for the rows that decide about `least`
-    granted, decides, least, others, level = S, S, 0.0, 0.0, 0
+    granted, decides, least, others, level, doubts = S, S, 0.0, 0.0, 0, 0
     for _ in range(50 * (count + 2 * n)):
         if stale:
             used = _restate(used, count, L, granted, nominal, lower, upper, scale, active, multiplier, rate, J, R, u)
@@ -222,21 +229,22 @@ def nearest(nominal, L, S, count, lower, upper, scale, tolerance, J, R, vectors,
         if np.isnan(gap):
             break
         if chosen < 0:
-            if not stale:  # once more on exact numbers
-                stale = True
+            if not stale and doubts < _DOUBTS:  # once more on exact numbers
+                stale, doubts = True, doubts + 1
                 continue
             for k in range(n):
                 out[k] = u[k]
             found = True
             if level != 1 or least <= tolerance:
                 return True
-            level = 2
+            level, stale, doubts = 2, True, 0
             for i in range(count):
                 granted[i] = S[i] - least * decides[i]
             continue
         used, gap = _admit(chosen, gap, used, count, L, scale, active, multiplier, rate, d, J, R, u)
         stale = gap > 0.0
         if stale:
+            doubts = 0
             if level == 0:
                 level, granted, decides = 1, relief[0], relief[1]
                 for i in range(count):
