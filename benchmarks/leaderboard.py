@@ -27,7 +27,6 @@ Episodes = dict[Cell, dict[str, dict[int, dict[str, bool]]]]
 ASKED = {"moving contact": -1, "success without contact": 1}
 """What is compared; whether more is better."""
 
-
 YES_OR_NO = {"1": True, "True": True, "0": False, "False": False}
 """What else stands in a file is an error, not a no."""
 
