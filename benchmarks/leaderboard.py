@@ -36,8 +36,11 @@ def read(folders: Sequence[Path]) -> Episodes:
     found: Episodes = defaultdict(lambda: defaultdict(dict))
     for folder in folders:
         before = set(found)
-        with (folder / "episodes.csv").open(newline="") as file:
-            rows = list(csv.DictReader(file))
+        try:
+            with (folder / "episodes.csv").open(newline="") as file:
+                rows = list(csv.DictReader(file))
+        except OSError as error:
+            raise SystemExit(f"{folder} holds no comparison: {error}") from error
         for row in rows:
             contact, success, moving = (YES_OR_NO[row[x]] for x in ("collision", "success", "moving_contact"))
             cell = (row["task"], row["human"], row["policy"])
@@ -77,12 +80,15 @@ def behind(cell: dict[str, dict[int, dict[str, bool]]], ours: str, rival: str, n
 def overview(found: Episodes, filters: Sequence[str], policies: Sequence[str]) -> None:
     """One line a filter, over everything; success over the episodes of the policies that want it."""
     wanted = f"success without contact, of `{'`, `'.join(policies)}`"
-    print(f"| filter | moving contact | any contact | limit exceeded | {wanted} |\n|---|---|---|---|---|")
+    print(f"| filter | moving contact | any contact | limit exceeded | {wanted} | of these, within all limits |")
+    print("|---|---|---|---|---|---|")
     for name in filters:
         episodes = [one for cell in found.values() for one in cell[name].values()]
         told = [rate(episodes, x) for x in ("moving contact", "contact", "limit violation")]
         trying = [one for key, cell in found.items() if key[2] in policies for one in cell[name].values()]
-        print(f"| `{name}` | {' | '.join(map(str, (*told, rate(trying, 'success without contact'))))} |")
+        succeeded = rate(trying, "success without contact")
+        within = sum(one["success without contact"] and not one["limit violation"] for one in trying)
+        print(f"| `{name}` | {' | '.join(map(str, (*told, succeeded, f'{within:,}')))} |")
 
 
 def by_cell(found: Episodes, filters: Sequence[str], name: str, policy: str) -> None:

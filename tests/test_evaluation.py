@@ -97,7 +97,9 @@ def test_a_summary_by_hand():
         max_consecutive_violations=3,
         ep_cost=3.0,
         limit_violation_rate=pytest.approx(2.0 / 6.0),
+        limits_exceeded=True,
         success=True,
+        success_untouched=False,
         success_and_safe=False,
         time_to_goal=2.5,
         timeout=False,
@@ -129,6 +131,7 @@ def test_a_summary_by_hand():
         n_collisions_self=None,
         n_collisions_static=None,
         n_actions_not_finite=0,
+        min_distance_arm=None,
         # 0.3 / 0.1, 0.2 / 0.4, and in the third step they touch and approach
         ttc=0.0,
         ssm_margin=None,
@@ -178,7 +181,12 @@ def test_what_is_no_number_is_not_safe():
     summary = summarise(dataclasses.replace(trace, distance=unknown), LIMITS)
     assert (summary.collision, summary.collision_steps, summary.n_collision_events) == (True, 1, 1)
     assert summary.success
+    assert not summary.success_untouched
     assert not summary.success_and_safe
+    untouched = summarise(dataclasses.replace(trace, distance=np.full(6, 0.005)), LIMITS)
+    assert untouched.success_untouched
+    assert not untouched.limits_exceeded
+    assert not untouched.success_and_safe  # nearer than d_min
     touched = dataclasses.replace(trace, distance=np.zeros(6), contact=np.ones(6, bool), contact_speed=0.0 * unknown)
     summary = summarise(touched, LIMITS)
     assert (summary.moving_contact, summary.n_collisions_critical) == (True, 1)

@@ -57,6 +57,7 @@ def test_distances_and_closing_speeds_are_those_of_measure(wandering, robot):
         assert seen.planes[k] == near.planes.min()
         assert near.smallest == wandering.distance[k]
         np.testing.assert_array_equal(seen.distance[k], near.distance)
+        assert seen.arm_distance[k] == near.distance[1:].min()  # all but the base column
         # the distance shrinks as fast as both come towards each other, unless the axes cross
         if near.smallest > 0.0:
             closing = seen.approach[k] + seen.human_approach[k]

@@ -40,6 +40,8 @@ class Geometry(NamedTuple):
     """Smallest distance of the arm to the half-spaces, shape (T,) [m]."""
     distance: Array
     """Of every robot capsule to every one of people's, shape (T, m, k) [m]."""
+    arm_distance: Array
+    """Smallest distance to people of the arm but for its first link, shape (T,) [m]; inf without people."""
     approach: Array
     """Speed of such a pair's closest robot point towards the person's, shape (T, m, k) [m/s]."""
     human_approach: Array
@@ -106,6 +108,7 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
         own.min(axis=1, initial=np.inf),
         plane_pairs["distance"].min(axis=(1, 2), initial=np.inf),
         pairs["distance"],
+        pairs["distance"][:, robot.capsules["link"] > 0].min(axis=(1, 2), initial=np.inf),
         -motion[:, :, 1].reshape(count, m, k) - human_approach,
         human_approach,
         (plans["ramp"] + plans["hold"] + plans["release"]).max(axis=1) * trace.dt,

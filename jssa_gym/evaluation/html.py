@@ -40,7 +40,7 @@ _RATES = ("success_and_safe_rate", "success_rate", "collision_rate", "moving_con
 _MEANS = ("min_distance", "contact_speed", "limit_violation_rate", "ep_return", "intervention_rate", "backup_rate")
 """What the first table shows."""
 
-_BOXES = ("min_distance", "contact_speed", "intervention_rate", "path_length", "jerk_rms")
+_BOXES = ("min_distance_arm", "contact_speed", "intervention_rate", "path_length", "jerk_rms")
 """What distributions are drawn of."""
 
 _READING = """Rates are k of n episodes with exact (Clopper-Pearson) 95 % intervals; means are over episodes with

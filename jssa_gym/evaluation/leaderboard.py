@@ -12,10 +12,10 @@ from jssa_gym.evaluation.statistics import Mean, PairedDifference, mean_differen
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.types import Array
 
-PAIRED_RATES = ("collision", "moving_contact", "success", "success_and_safe")
+PAIRED_RATES = ("collision", "moving_contact", "limits_exceeded", "success", "success_untouched", "success_and_safe")
 """Yes-or-no metrics of which paired differences are told."""
 
-PAIRED_MEANS = ("ep_return", "min_distance", "intervention_rate", "jerk_rms", "path_length")
+PAIRED_MEANS = ("ep_return", "min_distance_arm", "intervention_rate", "jerk_rms", "path_length")
 """Other metrics of which they are."""
 
 

@@ -73,6 +73,9 @@ class Summary(StepSummary):
     n_actions_not_finite: Annotated[
         int, Says("steps", "Steps in which the policy's action was not finite, which a filter answers with a FAULT.")
     ]
+    min_distance_arm: Annotated[
+        float | None, Says("m", "Smallest distance to people of the arm, but for its first link.")
+    ]
     ttc: Annotated[float | None, Says("s", "Smallest distance over closing speed; none if they never approach.")]
     ssm_margin: Annotated[
         float | None, Says("m", "Smallest distance − S_p of any pair, of speed and separation monitoring.")
@@ -182,6 +185,7 @@ def summarise(
         n_collisions_self=None if seen is None else _events(seen.own, trace.dt),
         n_collisions_static=None if seen is None else _events(seen.planes, trace.dt),
         n_actions_not_finite=int((~np.isfinite(trace.nominal)).any(axis=1).sum()) if len(trace.time) else 0,
+        min_distance_arm=None if seen is None else float(seen.arm_distance.min(initial=np.inf)),
         ttc=_least(np.maximum(trace.distance[closing & people], 0.0) / -trace.speed[closing & people]),
         ssm_margin=None if margin is None else _least(margin[people]),
         ssm_violation_rate=None if margin is None else _mean(~(margin >= 0.0)),

@@ -74,9 +74,11 @@ class StepSummary:
     limit_violation_rate: Annotated[
         float, Says("", "Share of the steps with a joint limit exceeded by more than rounding.")
     ]
+    limits_exceeded: Annotated[bool, Says("", "A joint limit was exceeded by more than rounding at some step.")]
     success: Annotated[
         bool, Says("", "The goal was reached; of tasks that hold a goal, that it is met at the last step.")
     ]
+    success_untouched: Annotated[bool, Says("", "Success, and nobody was touched, by an arm at rest neither.")]
     success_and_safe: Annotated[bool, Says("", "Success, no step nearer than d_min, no joint limit exceeded.")]
     time_to_goal: Annotated[
         float | None, Says("s", "Time until the goal was reached for the first time; none if never.")
@@ -165,7 +167,9 @@ def summarise_steps(steps: Steps, v_safe: float = MOVING) -> StepSummary:
         max_consecutive_violations=longest(near),
         ep_cost=float(near.sum()),
         limit_violation_rate=exceeded,
+        limits_exceeded=exceeded > 0.0,
         success=success,
+        success_untouched=success and not contact.any(),
         success_and_safe=success and not near.any() and exceeded == 0.0,
         time_to_goal=float((reached[0] + 1) * dt) if len(reached) else None,
         timeout=steps.ended != "terminated" and not success,
