@@ -4,7 +4,7 @@ The peer is CBFpy (``cbfpy``, built on JAX). Both get the same scenes: joint sta
 Both return the nearest jerk in the box that keeps the safety index of all 30 capsule pairs. It needs both packages in
 one environment; ``elastiqp`` is CBFpy's faster solver for CPUs and is left out if it is missing::
 
-    pip install jssa-gym cbfpy "elastiqp[jax]"
+    pip install -e . cbfpy "elastiqp[jax]"
     python benchmarks/cbfpy_peer.py
 
 What is compared: one call, numpy arrays in and a numpy jerk out, compiled beforehand, double precision, CBFpy's

@@ -1,5 +1,6 @@
 """The command line, run as users run it: complete files or none, one line and exit code 2 on bad input."""
 
+import importlib.metadata
 import itertools
 import json
 import os
@@ -144,6 +145,12 @@ def test_what_cannot_be_parsed_is_exit_code_2(tmp_path, arguments):
     assert run.stderr
     assert "Traceback" not in run.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_version_is_the_packages(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["jssa-gym", "--version"])
+    main()
+    assert capsys.readouterr().out == f"jssa-gym {importlib.metadata.version('jssa-gym')}\n"
 
 
 @pytest.mark.parametrize("command", ["", "demo", "bench", "stress"])

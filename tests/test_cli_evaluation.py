@@ -55,6 +55,14 @@ def test_evaluate_prints_a_table(tmp_path, capsys):
         assert word in text
     # nobody there: no distance to tell of
     assert "min_distance" not in text
+    assert "1e+0" not in text
+
+
+def test_the_command_for_the_worst_episode_can_be_pasted(tmp_path, capsys):
+    Evaluate(filter="none", human="none", episodes=1, seconds=0.2, out=tmp_path / "two words").run()
+    (line,) = (x for x in capsys.readouterr().out.splitlines() if x.startswith("one of the worst: "))
+    words = shlex.split(line.removeprefix("one of the worst: "))
+    assert tyro.cli(Command, args=words[1:]).episode.parent == tmp_path / "two words" / "traces"
 
 
 def test_a_policy_of_the_working_directory_is_found(tmp_path, monkeypatch, capsys):

@@ -247,6 +247,7 @@ def test_jssa_with_the_stop_is_the_default_shield():
         ({"policies": ("wonder",)}, "unknown policy"),
         ({"policies": ("picklable:nothing",)}, "cannot load"),
         ({"policies": ("picklable:__name__",)}, "no factory"),
+        ({"policies": ("picklable:push",)}, "called with an environment and a seed: too many positional arguments"),
         ({"episodes": 0}, "episodes"),
         ({"episodes": SPACING + 1}, "episodes"),
         ({"steps": 0}, "steps"),
@@ -638,10 +639,10 @@ def test_filters_are_compared_on_the_same_episodes(finished):
     assert set(other.rates) == set(PAIRED_RATES)
     assert (other.rates["moving_contact"].first_only, other.rates["moving_contact"].n) == (6, 6)
     differences = [
-        b.summary.min_distance - a.summary.min_distance
+        b.summary.min_distance_arm - a.summary.min_distance_arm
         for a, b in zip(best.pooled.episodes, other.pooled.episodes, strict=True)
     ]
-    assert other.means["min_distance"].value == pytest.approx(np.mean(differences))
+    assert other.means["min_distance_arm"].value == pytest.approx(np.mean(differences))
     with pytest.raises(ParameterError, match="same episodes"):
         standings([reports[0], dataclasses.replace(reports[1], episodes=reports[1].episodes[:2])])
 

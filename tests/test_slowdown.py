@@ -61,6 +61,7 @@ def test_the_command_plays_the_same_goals_alone(tmp_path, capsys):
     command = Evaluate("reach", "stop", "random", episodes=2, seconds=4.0, out=tmp_path, keep=0, slowdown=True)
     replace(command, json=True).run()
     told = json.loads(capsys.readouterr().out)["slowdown"]
+    assert told == json.loads((tmp_path / "slowdown.json").read_text())
     assert told["lost"]["n"] == 2
     assert told["ratio"]["n"] + told["lost"]["k"] == 2
     assert told["ratio"]["value"] >= 0.9

@@ -14,6 +14,7 @@ from jssa_gym.cli.replay import Replay
 from jssa_gym.cli.reproduce import Reproduce
 from jssa_gym.cli.stress import Stress
 from jssa_gym.cli.train import Train
+from jssa_gym.evaluation.ledger import package_version
 from jssa_gym.exceptions import JSSAGymError
 
 Command = Annotated[
@@ -32,6 +33,9 @@ Command = Annotated[
 
 def main() -> None:
     """Run a command; a bad input ends in one line and exit code 2."""
+    if sys.argv[1:] == ["--version"]:
+        print(f"jssa-gym {package_version()}")
+        return
     try:
         tyro.cli(Command, prog="jssa-gym", description="A robot arm beside people, and shields around it.").run()
     except JSSAGymError as error:

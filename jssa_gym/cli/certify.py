@@ -140,7 +140,7 @@ class Certify:
         if self.json:
             print(json.dumps(found.plain(), indent=2))
         else:
-            _show(found)
+            _show(found, self.search)
         console.print(f"wrote {', '.join(map(str, written))}", highlight=False, soft_wrap=True)
         if not found.holds:
             raise SystemExit(1)
@@ -223,7 +223,7 @@ def _words(part: Part | None) -> str:
     )
 
 
-def _show(found: Certificate) -> None:
+def _show(found: Certificate, searched: bool) -> None:
     console = Console()
     if not console.is_terminal:
         console = Console(width=150)
@@ -246,9 +246,12 @@ def _show(found: Certificate) -> None:
             f"{link.least_jerk:.3g}, {link.jerk[0.01]:.3g}, {link.jerk[0.5]:.3g} m/s³",
         )
     console.print(table)
-    kept = Table("", "largest part without an infeasible draw", "and without one that a search in it found")
+    kept = Table("", "largest part without an infeasible draw")
+    if searched:
+        kept.add_column("and without one that a search in it found")
     for link in found.links:
-        kept.add_row(link.capsule, _words(link.sampled_part), f"{_words(link.part)}; {link.searched} found")
+        row = (link.capsule, _words(link.sampled_part), f"{_words(link.part)}; {link.searched} found")
+        kept.add_row(*row[: len(kept.columns)])
     console.print(kept)
     edge = ", ".join(f"{speed:.2f} m/s at {D:g} m" for D, speed in found.fastest_approach.items())
     console.print(f"the index alone ends approaches up to: {edge}", highlight=False)

@@ -22,8 +22,8 @@ from jssa_gym.evaluation.plans import Study
 class Compare:
     """Every combination of tasks, filters, people and policies on paired seeds, as one HTML page.
 
-    Differences are told to the first filter. A comparison that was interrupted goes on where it stopped when the same
-    command is given again.
+    Differences are relative to the first filter. A comparison that was interrupted goes on where it stopped when the
+    same command is given again.
     """
 
     tasks: Annotated[tuple[str, ...], TASK] = ("reach",)
@@ -82,7 +82,7 @@ class Compare:
         parts = ["jssa-gym", "compare"]
         for name in ("tasks", "filters", "humans", "policies"):
             parts += [f"--{name}", *getattr(self, name)]
-        for name in ("episodes", "seed", "seconds", "keep", "v_safe"):
+        for name in ("episodes", "seed", "seconds", "out", "keep", "v_safe"):
             parts += [f"--{name.replace('_', '-')}", str(getattr(self, name))]
         for name, value in asdict(self.separation).items():
             parts += [f"--{name.replace('_', '-')}", str(value)]

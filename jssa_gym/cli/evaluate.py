@@ -1,6 +1,7 @@
 """``jssa-gym evaluate``: a policy under a filter beside people, in numbers."""
 
 import json
+import shlex
 import sys
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from jssa_gym.cli.files import write_json
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.envs.arm import DT, MOVING
@@ -18,6 +20,7 @@ from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.slowdown import slowdown
+from jssa_gym.evaluation.statistics import short
 from jssa_gym.exceptions import ParameterError
 
 
@@ -102,7 +105,7 @@ class Evaluate:
     v_safe: float = MOVING
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     slowdown: bool = False
-    """Play the same goals without filter and people as well, into the folder's `alone`, and compare times."""
+    """Play the goals without filter and people as well, into the folder's `alone`; slowdown.json compares times."""
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
@@ -129,6 +132,7 @@ class Evaluate:
         if self.slowdown:
             nobody = replace(study, filters=("none",), humans=("none",))
             lost = slowdown(report, play(nobody, self.out / "alone", self.jobs, 0)[0])
+            write_json(self.out / "slowdown.json", lost and asdict(lost))
         if self.json:
             told = report.as_dict() | ({"slowdown": lost and asdict(lost)} if self.slowdown else {})
             print(json.dumps(told, indent=2, allow_nan=False))
@@ -159,9 +163,10 @@ def _show(report: Report) -> None:
     for name, rate in report.rates.items():
         table.add_row(name, str(rate))
     for name, mean in report.means.items():
-        table.add_row(name, str(mean), f"{mean.least:.3g}", f"{mean.most:.3g}", units[name])
+        table.add_row(name, str(mean), short(mean.least), short(mean.most), units[name])
     console.print(table)
     for path in report.traces:
-        console.print(f"one of the worst: jssa-gym replay {path} --verify", highlight=False, soft_wrap=True)
+        command = shlex.join(["jssa-gym", "replay", str(path), "--verify"])
+        console.print(f"one of the worst: {command}", highlight=False, soft_wrap=True)
     if report.unlike:
         console.print(f"went otherwise when played again: seeds {', '.join(map(str, report.unlike))}")

@@ -38,8 +38,8 @@ class Stress:
     """
 
     preset: Literal["quick", "claim", "power", "avoid", "degradation"] = "quick"
-    """What is tried: a check in seconds; the whole shield's promise; shields without a guard; harmless people; people
-    faster and measurements later than assumed. The next five replace a part of it."""
+    """What is tried: a check in seconds; the promise; shields without a guard; harmless people; worse than assumed.
+    The next five replace a part of it."""
     filters: Annotated[tuple[str, ...], SHIELDS] = ()
     humans: Annotated[tuple[str, ...], HUMAN] = ()
     policies: Annotated[tuple[str, ...], OPPONENTS] = ()

@@ -59,7 +59,7 @@ class Train:
     ticks: int | None = None
     """Control steps for which an action is repeated; None: as tuned."""
     learn_from: LearnFrom | None = None
-    """What the learner is told of the shield: nothing (policy), the executed action (sac, td3, tqc), a penalty, both;
+    """What the learner is told of the shield: nothing (policy), the executed action (sac, td3, tqc), a penalty, both.
     None: as tuned."""
     penalty: float | None = None
     """Weight of the penalty; None: as tuned."""

@@ -2,6 +2,7 @@
 
 import hashlib
 import importlib
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from itertools import product
@@ -73,9 +74,18 @@ def _factory(name: str, trust_pickle: bool = False) -> Callable[[gym.Env, int], 
     try:
         found = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
-        raise ParameterError(f"cannot load the policy {name!r}: {error}") from error
+        raise ParameterError(
+            f"cannot load the policy {name!r}: {error}; it is module:factory, of a module in the working directory or "
+            "installed"
+        ) from error
     if not callable(found):
         raise ParameterError(f"the policy {name!r} is no factory that can be called with an environment and a seed")
+    try:
+        inspect.signature(found).bind(None, 0)
+    except TypeError as error:
+        raise ParameterError(f"the factory {name!r} is called with an environment and a seed: {error}") from error
+    except ValueError:
+        pass  # something built in, which does not say what it takes
     return found
 
 

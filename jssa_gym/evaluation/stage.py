@@ -45,9 +45,14 @@ class Scored:
 
     @property
     def severity(self) -> tuple[float, float, float]:
-        """For keeping the worst: by the speed of the touching point, then by limits exceeded, then by distance."""
+        """For keeping the worst: by the speed of a moving contact, then by limits exceeded, then by distance."""
         summary = self.summary
-        return summary.contact_speed, summary.limit_violation_rate, -summary.min_distance
+        # the speed of an arm at rest is rounding
+        return (
+            summary.contact_speed if summary.moving_contact else 0.0,
+            summary.limit_violation_rate,
+            -summary.min_distance,
+        )
 
     @property
     def trace_name(self) -> str:

@@ -121,7 +121,12 @@ class Mean:
     most: float
 
     def __str__(self) -> str:
-        return f"{self.value:.3g} ({self.low:.3g} to {self.high:.3g})"
+        return f"{short(self.value)} ({short(self.low)} to {short(self.high)})"
+
+
+def short(value: float) -> str:
+    """Three digits, or all of those before the point."""
+    return f"{value:,.0f}" if 1e3 <= abs(value) < 1e9 else f"{value:.3g}"
 
 
 def means(values: ArrayLike, seed: int = 0, *, confidence: float = 0.95, resamples: int = 2000) -> list[Mean | None]:

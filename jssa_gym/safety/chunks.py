@@ -101,7 +101,9 @@ class ChunkFile:
         except (ValueError, AttributeError) as error:
             raise ParameterError(f"{self.path} is no file of counts; choose another folder") from error
         if other:
-            raise ParameterError(f"{folder} holds another certificate (other {', '.join(other)}); choose another")
+            raise ParameterError(
+                f"{folder} holds another certificate (other {', '.join(other)}); choose another folder"
+            )
         if cut:  # by a crash; it is counted again
             os.truncate(self.path, self.path.stat().st_size - len(cut))
 

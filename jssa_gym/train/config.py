@@ -15,7 +15,7 @@ from jssa_gym.validation import known_name, number_within, positive_integer, tru
 LearnFrom = Literal["policy", "executed", "penalty", "both"]
 Control = Literal["jerk", "velocity", "position", "tip"]
 
-INSTALL = "pip install 'jssa-gym[train]'"
+INSTALL = "pip install 'jssa-gym[train]', or pip install -e '.[train]' in a clone"
 
 LARGEST_SEED = 2**32 - 1
 """Of a training; what torch and numpy take."""
