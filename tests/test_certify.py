@@ -619,6 +619,7 @@ def test_the_command_fails_where_there_are_counter_examples_and_replays_them(tmp
     inside = f"{link['infeasible_inside']:,} / {1000 - link['outside']['k']:,}"
     assert f"inside the set 𝒞 of such approaches {inside}" in " ".join(printed.split())
     assert "the set does not hold" in printed
+    assert "that a search in it found" not in printed
     recording = tmp_path / "out" / "counterexample-upper_arm.npz"
     code, printed = command(capsys, "--replay", recording, "--json")
     played = json.loads(printed)
@@ -640,6 +641,7 @@ def test_the_command_passes_where_there_are_none(tmp_path, capsys):
     assert code == 0
     assert "no counter-example was found" in printed
     assert "none that was drawn leaves it" in printed
+    assert "search in it found" in printed
     assert sorted(path.name for path in tmp_path.iterdir()) == ["certificate.json", "chunks.jsonl"]
 
 

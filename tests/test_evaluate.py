@@ -516,6 +516,22 @@ def test_a_chunk_is_a_chunk_whoever_plays_it(tmp_path):
 # ---- the worst episodes ------------------------------------------------------------------------------
 
 
+def test_what_rounding_leaves_of_speed_at_rest_does_not_make_a_contact_worse(finished):
+    episode = finished[1][0].episodes[0]
+
+    def touched(speed, **changes):
+        told = {"contact_speed": speed, "moving_contact": speed > 1e-3, "limit_violation_rate": 0.0} | changes
+        return dataclasses.replace(episode, summary=dataclasses.replace(episode.summary, **told))
+
+    in_order = [
+        touched(1e-15, min_distance=0.1),
+        touched(1e-17, min_distance=-0.1),
+        touched(0.0, limit_violation_rate=0.1),
+        touched(0.2),
+    ]
+    assert sorted(reversed(in_order), key=lambda e: e.severity) == in_order
+
+
 def test_the_worst_are_kept_and_come_again_bit_for_bit(finished):
     folder, reports = finished
     assert len(list((folder / "traces").iterdir())) == 8
