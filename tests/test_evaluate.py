@@ -529,7 +529,7 @@ def test_what_rounding_leaves_of_speed_at_rest_does_not_make_a_contact_worse(fin
         touched(0.0, limit_violation_rate=0.1),
         touched(0.2),
     ]
-    assert sorted(reversed(in_order), key=lambda e: e.severity) == in_order
+    assert sorted((in_order[k] for k in (3, 1, 0, 2)), key=lambda e: e.severity) == in_order
 
 
 def test_the_worst_are_kept_and_come_again_bit_for_bit(finished):
