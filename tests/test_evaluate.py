@@ -610,7 +610,7 @@ def test_the_page_says_every_number(finished):
         for number in (*report.rates.values(), *report.means.values()):
             assert str(number) in text
     for one in standings(reports):
-        for number in (one.pooled.rates["collision_rate"], one.pooled.means["min_distance"]):
+        for number in (one.pooled.rates["collision_rate"], one.pooled.means["min_distance_arm"]):
             assert str(number) in text
     for metric in METRICS:
         assert metric.text in text

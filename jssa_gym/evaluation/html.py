@@ -36,8 +36,11 @@ code { background: #f3f5f6; padding: .1rem .3rem; border-radius: 3px; font-size:
 details { margin: .4rem 0; } summary { cursor: pointer; }
 """
 
-_RATES = ("success_and_safe_rate", "success_rate", "collision_rate", "moving_contact_rate")
-_MEANS = ("min_distance", "contact_speed", "limit_violation_rate", "ep_return", "intervention_rate", "backup_rate")
+_RATES = tuple(
+    f"{name}_rate"
+    for name in ("success_and_safe", "success_untouched", "success", "collision", "moving_contact", "limits_exceeded")
+)
+_MEANS = ("min_distance_arm", "contact_speed", "ep_return", "intervention_rate", "backup_rate")
 """What the first table shows."""
 
 _BOXES = ("min_distance_arm", "contact_speed", "intervention_rate", "path_length", "jerk_rms")
@@ -173,7 +176,7 @@ def _tradeoff(ranked: Sequence[Standing], number: dict[str, int]) -> str:
 
 
 def _profiles(ranked: Sequence[Standing], number: dict[str, int]) -> str:
-    figures = [_profile(ranked, number, "min_distance", "m", None)]
+    figures = [_profile(ranked, number, "min_distance_arm", "m", None)]
     for task in dict.fromkeys(episode.task for episode in ranked[0].pooled.episodes):
         figures.append(_profile(ranked, number, "ep_return", f"task {task}", task))
     return "".join(figures)
