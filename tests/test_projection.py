@@ -281,6 +281,19 @@ def test_rows_that_nearly_repeat_each_other_are_solved(times):
     assert hard >= 1000 * times
 
 
+def test_a_box_a_few_roundings_wide_is_a_point():
+    rng = np.random.default_rng(5)
+    for k in range(3000):
+        nominal, L, S, lower, upper = rows_nearly_twice(rng)
+        at = rng.uniform(-0.9, 0.9, 6) * JERK
+        narrow = rng.random(6) < 0.5
+        lower = np.where(narrow, at, lower)
+        upper = np.where(narrow, at + (1e-16, 1e-15, 1e-14)[k % 3] * np.abs(at), upper)
+        u, _, left = many_rows(nominal, L, S, lower, upper, np.eye(6))
+        assert np.isfinite(left)
+        assert np.all((lower <= u) & (u <= upper))
+
+
 def room_below_least(L, S, least, lower, upper):
     """How much less than the least violation each row can do with while none needs more: a linear program a row.
 

@@ -14,6 +14,9 @@ from jssa_gym.kernels.jit import jit
 _TOLERANCE = 1e-10
 """Violation that counts as rounding, not as infeasibility, relative to the larger of 1 m² and S."""
 
+_POINT = 1e-13
+"""Half the width of a box, relative to its bounds, that is rounding."""
+
 
 def scratch(n: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Memory for :func:`project_rows` with n joints and up to ``count`` rows."""
@@ -187,7 +190,8 @@ def project_rows(nominal, L, S, count, lower, upper, inverse_weight, floats, act
     scale, tolerance = vectors[4, :n], 1.0
     for k in range(n):
         half = (upper[k] - lower[k]) / 2.0
-        scale[k] = half if half > 0.0 else 1.0
+        # in units of a box a few roundings wide every rounding is a gap: such a box is a point
+        scale[k] = half if half > _POINT * max(abs(lower[k]), abs(upper[k])) else 1.0
     for i in range(count):
         tolerance = max(tolerance, S[i])
     tolerance *= _TOLERANCE
