@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from jssa_gym.evaluation.statistics import Rate, paired_difference
+from jssa_gym.evaluation.statistics import Rate, paired_difference, short
 
 Cell = tuple[str, str, str]
-Episodes = dict[Cell, dict[str, dict[int, dict[str, bool]]]]
+Episodes = dict[Cell, dict[str, dict[int, dict[str, float]]]]
 """By cell, filter and seed."""
 
 ASKED = {"moving contact": -1, "success without contact": 1}
@@ -52,21 +52,22 @@ def read(folders: Sequence[Path]) -> Episodes:
                 "success": success,
                 "success without contact": success and not contact,
                 "limit violation": not float(row["limit_violation_rate"]) <= 0.0,
+                "contact speed": float(row["contact_speed"]),
             }
     return found
 
 
-def rate(episodes: Sequence[dict[str, bool]], name: str) -> Rate:
+def rate(episodes: Sequence[dict[str, float]], name: str) -> Rate:
     """How often something happened."""
-    return Rate.of(sum(episode[name] for episode in episodes), len(episodes))
+    return Rate.of(sum(bool(episode[name]) for episode in episodes), len(episodes))
 
 
-def comparable(cell: dict[str, dict[int, dict[str, bool]]], filters: Sequence[str]) -> bool:
+def comparable(cell: dict[str, dict[int, dict[str, float]]], filters: Sequence[str]) -> bool:
     """Whether all of them met the same seeds."""
     return all(cell[name] and cell[name].keys() == cell[filters[0]].keys() for name in filters)
 
 
-def behind(cell: dict[str, dict[int, dict[str, bool]]], ours: str, rival: str, name: str) -> float | None:
+def behind(cell: dict[str, dict[int, dict[str, float]]], ours: str, rival: str, name: str) -> float | None:
     """By how much a rival does better; None where the interval has 0 in it."""
     seeds = sorted(cell[ours])
     difference = paired_difference(
@@ -87,8 +88,30 @@ def overview(found: Episodes, filters: Sequence[str], policies: Sequence[str]) -
         told = [rate(episodes, x) for x in ("moving contact", "contact", "limit violation")]
         trying = [one for key, cell in found.items() if key[2] in policies for one in cell[name].values()]
         succeeded = rate(trying, "success without contact")
-        within = sum(one["success without contact"] and not one["limit violation"] for one in trying)
+        within = sum(bool(one["success without contact"] and not one["limit violation"]) for one in trying)
         print(f"| `{name}` | {' | '.join(map(str, (*told, succeeded, f'{within:,}')))} |")
+
+
+def moving(found: Episodes, filters: Sequence[str], policies: Sequence[str]) -> None:
+    """One line a filter that had moving contacts: how fast they were, and whether the arm kept its limits."""
+    told = ("moving contact", "their median, largest speed [m/s]", "of these with a limit exceeded", "limit exceeded")
+    print(f"\n| filter | {' | '.join(f'`{policy}`: {text}' for policy in policies for text in told)} |")
+    print("|---|" + "---|" * len(told) * len(policies))
+    for name in filters:
+        line, some = [f"`{name}`"], False
+        for policy in policies:
+            episodes = [one for key, cell in found.items() if key[2] == policy for one in cell[name].values()]
+            hits = [one for one in episodes if one["moving contact"]]
+            speeds = [one["contact speed"] for one in hits]
+            line += [
+                f"{len(hits):,} / {len(episodes):,}",
+                f"{short(float(np.median(speeds)))}, {short(max(speeds))}" if hits else "",
+                f"{sum(one['limit violation'] for one in hits):,}",
+                f"{sum(one['limit violation'] for one in episodes):,}",
+            ]
+            some = some or bool(hits)
+        if some:
+            print(f"| {' | '.join(line)} |")
 
 
 def by_cell(found: Episodes, filters: Sequence[str], name: str, policy: str) -> None:
@@ -120,6 +143,14 @@ def verdicts(found: Episodes, ours: str, rivals: Sequence[str], policies: Sequen
         for key, others in worse.items():
             told = ", ".join(f"`{rival}` by {100 * x:.0f}" for rival, x in sorted(others.items(), key=lambda t: -t[1]))
             print(f"- {', '.join(key)}: behind {told} (per cent)")
+        pooled = {
+            r: [(e[name], cell[r][s][name]) for cell in cells.values() for s, e in cell[ours].items()] for r in rivals
+        }
+        for rival, pairs in pooled.items():
+            one, other = np.array(pairs, float).T
+            more = paired_difference(other, one)
+            least, most = 100 * more.low, 100 * more.high
+            print(f"- over all, `{rival}` minus it: {100 * more.value:+.1f} of 100 ({least:.1f} to {most:.1f})")
 
 
 def draw(found: Episodes, filters: Sequence[str], policies: Sequence[str], path: Path) -> None:
@@ -165,6 +196,7 @@ def main() -> None:
     if not found:
         parser.error("no cell in which all filters have the same seeds")
     overview(found, filters, args.purposeful)
+    moving(found, filters, policies)
     for policy in policies:
         by_cell(found, filters, "success without contact", policy)
         by_cell(found, filters, "moving contact", policy)

@@ -16,11 +16,11 @@ def comparison(folder, outcomes, task="home", seeds=range(40)):
     with (folder / "episodes.csv").open("w", newline="") as file:
         writer = csv.writer(file)
         names = ("task", "filter", "human", "policy", "seed", "collision", "success", "moving_contact")
-        writer.writerow((*names, "limit_violation_rate"))
+        writer.writerow((*names, "limit_violation_rate", "contact_speed"))
         for name, (success, moving) in outcomes.items():
             for seed in seeds:
                 hit = moving(seed)
-                writer.writerow((task, name, "walk_by", "jpc", seed, hit, success(seed), hit, 0.0))
+                writer.writerow((task, name, "walk_by", "jpc", seed, hit, success(seed), hit, 0.0, 2.5 * hit))
     return folder
 
 
@@ -49,6 +49,10 @@ def test_who_does_worse_is_behind_and_who_does_as_well_is_tied(tmp_path, monkeyp
     assert "`ours` on success without contact: first or tied in 0 of 1 cells" in told
     assert "behind `rival` by 100 (per cent)" in told
     assert "`rival` on moving contact: first or tied in 1 of 1 cells" in told
+    assert "| `ours` | 40 / 40 | 2.5, 2.5 | 0 | 0 |" in told
+    assert "| `rival` | 0 / 40" in told  # nowhere but in the overview
+    assert "| `rival` | 0 / 40 |  |" not in told
+    assert "- over all, `rival` minus it: +100.0 of 100" in told
     told = verdict(monkeypatch, capsys, folder, "--ours", "ours", "--rivals", "third")
     assert "`ours` on moving contact: first or tied in 1 of 1 cells" in told
 
