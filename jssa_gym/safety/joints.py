@@ -10,7 +10,17 @@ from jssa_gym.kernels.joints import AGREES, ASTRAY, FROZEN, LAGS, deviates, judg
 from jssa_gym.types import Array
 
 AGREEMENTS = 5
-"""After a reading that was wrong, so many in a row have to be right before they are believed again."""
+"""After a reading that was wrong, so many in a row have to be right before they are believed again: twice as many
+each time that happens anew."""
+
+_FORGIVEN = 125
+"""After so many readings in a row that were believed, what was wrong before does not count any more."""
+
+_PERSISTENT = 10
+"""Readings in a row that were wrong, from which on something is wrong for good."""
+
+_RELAPSES = 5
+"""Times that readings were believed again and were wrong again, likewise."""
 
 _REMEMBERED = 32
 """Ticks by which a reading may lag and still be told so."""
@@ -58,8 +68,9 @@ class JointMonitor:
     anything else                                              believed
     =========================================================  =================================================
 
-    After a wrong one :data:`AGREEMENTS` in a row have to be right before they are believed again. What disagrees for
-    good, however little, is never believed until :meth:`reset` or :meth:`rebase`.
+    After a wrong one :data:`AGREEMENTS` in a row have to be right before they are believed again, and twice as many
+    each time that happens anew. What disagrees for good, however little, is never believed until :meth:`reset` or
+    :meth:`rebase`.
 
     Args:
         bounds: Rows lower and upper position, velocity, acceleration and jerk limits, shape (5, n).
@@ -91,14 +102,17 @@ class JointMonitor:
         """What was wrong with readings, and what they were."""
         self._last[:] = self._anchor[:] = self._past[:] = np.nan
         self._newest, self._late = 0, 0
-        # how many readings have to be right before they are believed again, and ticks in a row in which they were wrong
-        self._missing, self.wrong_for = 0, 0
+        # how many readings have to be right before they are believed again; how many were wrong in a row, and believed;
+        # how often they were wrong after they had been believed
+        self._missing, self._wrong, self._believed, self._lapses = 0, 0, 0, 0
         # ticks by which the clock is ahead of the control steps, at most until now, and what a lag asks it to reach
         self._offset, self._fastest, self._due = 0.0, -math.inf, -math.inf
 
     def _begin(self) -> None:
-        # of what is not measured: an episode begins at rest
-        self.expected[:] = np.where(self.tolerance < np.inf, self._reading, 0.0)
+        # an episode begins at rest as far as can be told: noise in a velocity must not be reckoned with for good
+        self.expected[0] = self._reading[0]
+        if not self.agrees(self._reading, self.expected):
+            self.expected[:] = np.where(self.tolerance < np.inf, self._reading, 0.0)
         self.begun = True
 
     def read(self, robot: Any, time: Any) -> Reading:
@@ -157,8 +171,7 @@ class JointMonitor:
     def judge(self, reading: Reading) -> str:
         """Compare a reading with the expected state; why it is not believed, or nothing."""
         if reading.state is None:
-            self._missing = AGREEMENTS if self._missing else 0
-            return reading.reason
+            return self._unbelieved(reading.reason)
         code = judge_joints(
             reading.state,
             self.expected,
@@ -170,19 +183,41 @@ class JointMonitor:
             self.tolerance,
         )
         if code != AGREES:
-            self._missing = AGREEMENTS
-            self.wrong_for += 1
-            return WRONG[code] if code in WRONG else self._lagging(code - LAGS + 1)
-        self.wrong_for, self._late = 0, 0
+            if not self._missing:
+                self._lapses += 1
+            self._wrong += 1
+            self._missing = self._asked
+            return self._unbelieved(WRONG[code] if code in WRONG else self._lagging(code - LAGS + 1))
+        self._wrong, self._late = 0, 0
         if reading.reason:
-            self._missing = AGREEMENTS if self._missing else 0
-            return reading.reason
+            return self._unbelieved(reading.reason)
         if self._offset < self._due:
-            return self._lagging(max(round(self._due - self._offset), 1))
+            return self._unbelieved(self._lagging(math.ceil(self._due - self._offset)))
         self._due = -math.inf
         if self._missing:
             self._missing -= 1
-        return AGAIN if self._missing else ""
+        if self._missing:
+            return AGAIN
+        self._believed += 1
+        if self._believed >= _FORGIVEN:
+            self._lapses = 0
+        return ""
+
+    @property
+    def _asked(self) -> int:
+        """How many readings have to be right in a row, once they were wrong."""
+        return AGREEMENTS << min(max(self._lapses - 1, 0), 20)
+
+    def _unbelieved(self, reason: str) -> str:
+        self._believed = 0
+        if self._missing:
+            self._missing = self._asked
+        return reason
+
+    @property
+    def persistent(self) -> bool:
+        """Whether readings are wrong for so long, or so often, that it is no accident."""
+        return self._wrong >= _PERSISTENT or self._lapses >= _RELAPSES
 
     def _lagging(self, ticks: int) -> str:
         # where the clock shows the same lag, it has to catch up too: an arm at rest looks the same at all times

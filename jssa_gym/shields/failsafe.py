@@ -32,9 +32,6 @@ from jssa_gym.types import Array, CapsuleSet, Scene
 _ROUNDING = 1e-9
 """Share of the joint limits by which an arm at rest may be beyond them."""
 
-_PERSISTENT = 10
-"""Ticks in a row in which the arm is not where the jerks led, after which that is said aloud."""
-
 _logger = logging.getLogger("jssa_gym")
 
 
@@ -151,13 +148,12 @@ class VerifiedStop:
         if reading.state is not None and reading.late > 0:
             leapt = not self._catch_up(reading.state, reading.late)
         wrong = joints.judge(reading)
-        if joints.wrong_for == _PERSISTENT and not self._told:
+        if wrong and joints.persistent and not self._told:
             self._told = True
             _logger.warning(
-                "For %d control steps the arm has not been where the applied jerks led (%s): something else moves it, "
-                "or its readings are no commanded states. The shield keeps braking. jssa_gym.check_env(env) names what "
-                "is wrong with an environment; FailsafeParams(state_tolerance=...) is for measured states.",
-                _PERSISTENT,
+                "The arm is not where the applied jerks lead, again and again (%s): something else moves it, or its "
+                "readings are not those of the commanded state. The shield keeps braking. jssa_gym.check_env(env) "
+                "names what is wrong with an environment; FailsafeParams(state_tolerance=...) is for measured states.",
                 wrong,
             )
         joints.remember()
