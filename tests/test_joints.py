@@ -541,3 +541,168 @@ def test_a_scene_that_is_not_what_it_was_is_a_fault(robot, make_scene):
         for _ in range(AGREEMENTS):
             decision = own.step(np.zeros(6))
         assert decision.status == Status.NOMINAL, decision.reason
+
+
+# ---- the monitor by itself ----------------------------------------------------------------------------------
+
+
+def limits_of(robot):
+    limits = robot.limits
+    return np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+
+
+class Watched:
+    """A monitor beside an arm that moves evenly, one tick after the other."""
+
+    def __init__(self, robot, tolerance=None):
+        self.bounds = limits_of(robot)
+        self.monitor = JointMonitor(self.bounds, DT, np.zeros((3, 6)) if tolerance is None else tolerance)
+        self.time, start = 0.0, np.array([robot.home, np.full(6, 0.1), np.zeros(6)])
+        self.monitor.reset(JointState(*start))
+
+    @property
+    def truth(self):
+        return self.monitor.expected.copy()
+
+    def tick(self, state=None, time=None, still=False):
+        """Why a reading, right unless another is given, is not believed."""
+        state = self.truth if state is None else state
+        reason = self.monitor.judge(self.monitor.read(JointState(*state), self.time if time is None else time))
+        self.monitor.remember()
+        if not still:
+            self.monitor.expected[0] += DT * self.monitor.expected[1]
+        self.time += DT
+        return reason
+
+
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_monitor_a_deviation_is_a_share_of_each_limit_and_nan_deviates(robot, row):
+    rng, bounds = np.random.default_rng(4), limits_of(robot)
+    size = np.array([bounds[1] - bounds[0], bounds[2], bounds[3]])
+    for tolerance in (0.0, 1e-4):
+        allowed = np.full((3, 6), tolerance)
+        monitor = JointMonitor(bounds, DT, allowed)
+        for share, agrees in ((0.9, True), (-0.9, True), (1.1, False), (-1.1, False), (np.nan, False)):
+            expected, joint = rng.normal(size=(3, 6)), rng.integers(6)
+            state = expected.copy()
+            state[row, joint] += share * (tolerance + 1e-9 * size[row, joint])
+            assert monitor.agrees(state, expected) == agrees
+
+
+def test_monitor_says_what_is_wrong(robot):
+    def told(harm):
+        arm = Watched(robot)
+        assert not any(arm.tick() for _ in range(8))
+        return harm(arm)
+
+    def lag(arm):
+        past = [arm.truth]
+        for _ in range(5):
+            assert not arm.tick()
+            past.append(arm.truth)
+        return arm.tick(past[-4])
+
+    def frozen(arm):
+        last = arm.truth
+        assert not arm.tick()
+        return arm.tick(last)
+
+    off = np.zeros((3, 6))
+    off[1, 3] = 1e-6
+    for harm, word in (
+        (lag, "lags by 3 ticks"),
+        (frozen, "frozen"),
+        (lambda arm: arm.tick(arm.truth + off), "not where the last jerk led"),
+        (lambda arm: arm.tick(arm.truth * np.nan), "not finite"),
+        (lambda arm: arm.tick(arm.truth.astype(np.float32)), "float64"),
+        (lambda arm: arm.tick(masked(arm.truth)), "masked"),
+        (lambda arm: arm.tick(arm.truth[:, :5]), "shape"),
+        (lambda arm: arm.tick(time=arm.time - DT), "stands still"),
+        (lambda arm: arm.tick(time=0.0), "went back"),
+        (lambda arm: arm.tick(time=np.nan), "time is nan"),
+        (lambda arm: arm.tick(time="noon"), "clock cannot be read"),
+    ):
+        assert word in told(harm), word
+
+
+def test_monitor_clocks_that_are_wrong_cost_one_tick_and_wrong_readings_several(robot):
+    for harm, ticks in (({"time": np.nan}, 1), ({"state": np.full((3, 6), np.nan)}, 1), ({"state": "off"}, AGREEMENTS)):
+        arm = Watched(robot)
+        assert not any(arm.tick() for _ in range(8))
+        if isinstance(harm.get("state"), str):
+            harm = {"state": arm.truth + 1e-3}
+        reasons = [arm.tick(**harm), *(arm.tick() for _ in range(10))]
+        assert [bool(reason) for reason in reasons] == [True] * ticks + [False] * (11 - ticks)
+
+
+def test_monitor_relapses_ask_for_more_and_are_forgiven_in_the_end(robot):
+    arm, asked = Watched(robot), []
+    for _ in range(6):
+        arm.tick(arm.truth + 1e-3)
+        asked.append(1)
+        while arm.tick():
+            asked[-1] += 1
+    assert asked == [AGREEMENTS * 2**k for k in range(6)]
+    assert arm.monitor.persistent
+    assert not any(arm.tick() for _ in range(130))
+    assert not arm.monitor.persistent
+    arm.tick(arm.truth + 1e-3)
+    assert [bool(arm.tick()) for _ in range(6)] == [True] * 4 + [False] * 2
+
+
+def test_monitor_a_lag_that_the_clock_shows_is_over_when_the_clock_has_caught_up(robot):
+    for behind in (0.0, 2 * DT):
+        arm, past = Watched(robot), []
+        for k in range(14):
+            past.append(arm.truth)
+            reason = arm.tick() if k < 8 else arm.tick(past[-3], time=arm.time - behind)
+            assert bool(reason) == (k >= 8)
+            # the first of them is the reading of two ticks before, which is no news
+            assert k < 10 or "lags by 2 ticks" in reason
+        # it rests: nothing tells this tick's reading from older ones but the clock
+        arm.monitor.expected[1:] = 0.0
+        reasons = [arm.tick(still=True, time=arm.time - behind) for _ in range(40)]
+        assert bool(reasons[-1]) == (behind > 0.0)
+        reasons = [arm.tick(still=True) for _ in range(AGREEMENTS)]
+        assert not reasons[-1]
+
+
+def test_monitor_never_raises(robot):
+    rng = np.random.default_rng(0)
+    junk = [None, 3, "x", np.nan, np.inf, -1e308, 1e308, [], {}, object()]
+    arm = Watched(robot)
+    with np.errstate(all="ignore"):
+        for _ in range(500):
+            sizes = 10.0 ** rng.integers(-300, 300, 3)
+            parts = [junk[rng.integers(len(junk))] if rng.random() < 0.3 else s * rng.normal(size=6) for s in sizes]
+            robot_state = JointState(*parts) if rng.random() < 0.9 else junk[rng.integers(len(junk))]
+            time = junk[rng.integers(len(junk))] if rng.random() < 0.3 else rng.normal()
+            assert arm.monitor.judge(arm.monitor.read(robot_state, time))
+            assert np.isfinite(arm.monitor.expected).all()
+
+
+# ---- and its place in the verified stop ---------------------------------------------------------------------
+
+
+def test_missing_scenes_take_time_for_people_too(robot, make_scene):
+    """A clock that stands still through them must not make what was measured before them fresh."""
+    from test_failsafe import ball
+
+    guard = make_filter("stop", robot, DT, failsafe=FailsafeParams())._guard
+    scene = make_scene([robot.home, np.zeros(6), np.zeros(6)], ball([2.0, 0.0, 1.2], velocity=(0.5, 0.0, 0.0)))
+    assert guard.watch(scene).age == pytest.approx([0.0])
+    for _ in range(3):
+        assert guard.watch(None).fault
+    assert guard.watch(scene).age == pytest.approx([4 * DT])
+
+
+def test_a_stop_that_did_not_end_in_rest_is_seen(robot, make_scene):
+    """Nobody verifies where an arm begins in motion: a stop of it that is wrong is followed by another."""
+    own = Own(robot, make_scene, exact)
+    own.state[1] = 0.3 * robot.limits.velocity
+    own.filter.reset(own.scene())
+    own.filter._guard._stored["jerk_out"] *= 0.5
+    for _ in range(200):
+        decision = own.step(np.full(6, np.nan))
+        assert decision.status == Status.FAULT
+    assert np.abs(own.state[1:]).max() < 1e-9
