@@ -24,7 +24,8 @@ def arm(tmp_path, first='axis="0 1 0"', height=0.3, capsule='size=".05" fromto="
     <mujoco model="{name}"><compiler angle="radian" autolimits="true"/>
       <default><joint range="-2 2"/><geom type="capsule" group="3"/></default>
       <worldbody><body pos="0 0 {height}"><joint name="one" {first}/><geom name="first" {capsule}/>
-        <body pos=".5 0 0"><joint name="two" axis="0 1 0"/><geom name="second" size=".04" fromto="0 0 0  .2 0 0"/></body>
+        <body pos=".5 0 0"><joint name="two" axis="0 1 0"/>
+          <geom name="second" size=".04" fromto="0 0 0  .2 0 0"/></body>
       </body></worldbody>
       <keyframe><key name="home" qpos="-.4 0"/></keyframe>
     </mujoco>""")
