@@ -51,7 +51,7 @@ def fewest_ticks(distance: float, V: float, A: float, J: float, dt: float) -> tu
         if rise > A / J:
             rise = A / J
             shortest = rise + 2.0 * np.sqrt(rise**2 / 4.0 + distance / A)
-    affordable(shortest / dt, dt)
+    affordable(float(shortest) / dt, dt)
     total = max(FEWEST, int(np.ceil(shortest / dt - 1e-9)))
     while True:
         n_j = np.arange(1, total // 4 + 1)[:, None]

@@ -154,14 +154,14 @@ def plan_waypoints(
             f"waypoint {k} puts joint {j} at {points[k, j]:.6g} rad, outside its limits {limits.position[j].tolist()}"
         )
     rows = np.array(checked_state(state, limits))
-    each = round(positive_number("period", period) / dt)
+    affordable(K * positive_number("period", period) / dt, dt)
+    each = round(period / dt)
     if abs(each * dt - period) > 1e-6 * dt * max(each, 1) or each < FEWEST:
         near = max(each, FEWEST) * dt
         raise ParameterError(
             f"period has to be a whole number of ticks of {dt:g} s and at least {FEWEST}, got {period!r}; "
             f"nearest: {near:g}"
         )
-    affordable(each * K, dt)
     plan = _attempt(rows, points, each, limits, dt)
     if plan is not None:
         return plan
