@@ -93,8 +93,8 @@ MUTANTS = [
     _kernel("spin forgotten", 'spin += (levers[i, j] + robot["radius"])', "spin += levers[i, j]"),
     _kernel(
         "half-spaces skipped",
-        "for k in range(planes.shape[0]):\n                    gap",
-        "for k in range(0):\n                    gap",
+        "for k in range(planes.shape[0]):\n                if stands",
+        "for k in range(0):\n                if stands",
     ),
     _kernel("statics skipped", "            for k in range(statics.shape[0]):", "            for k in range(0):"),
     _kernel("self pairs skipped", "for k in range(self_pairs.shape[0]):", "for k in range(0):"),
