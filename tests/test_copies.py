@@ -373,7 +373,8 @@ def test_what_cannot_change_stays_so_in_a_copy() -> None:
     robot = lr_mate_200id_7l()
     for duplicate in COPIES.values():
         for one in (duplicate(robot), duplicate(robot.limits), duplicate(JPCPolicy(close_by()))._robot):
-            held = [value for _, value in arrays({f.name: getattr(one, f.name) for f in dataclasses.fields(one)}).values()]
+            fields = {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
+            held = [array for _, array in arrays(fields).values()]
             assert len(held) >= 4
             assert not any(array.flags.writeable for array in held)
 

@@ -10,12 +10,19 @@ import hashlib
 import io
 import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+    _CacheLocator,
+    _SourceFileBackedLocatorMixin,
+)
 
 _logger = logging.getLogger("jssa_gym")
 
@@ -30,22 +37,25 @@ def _checksum(content: bytes) -> bytes:
     return hashlib.sha256(content).digest()
 
 
-class _Place(UserProvidedCacheLocator):
+class _Place(_SourceFileBackedLocatorMixin, _CacheLocator):
     """A folder for each folder of sources; unlike numba's own it need not be writable, as what is there can be used."""
 
-    def __init__(self, folder: Path, function: Callable[..., Any], file: str) -> None:
-        super().__init__(function, file)
+    def __init__(self, folder: Path, file: str, line: int) -> None:
+        self._py_file, self._lineno = file, line
         self._cache_path = str(folder / self.get_suitable_cache_subpath(file))
+
+    def get_cache_path(self) -> str:
+        return self._cache_path
 
 
 class _Files(CompileResultCacheImpl):
     """Names of a kernel's files, and how what they hold is read and written."""
 
-    def __init__(self, folder: Path, function: Callable[..., Any]) -> None:
+    def __init__(self, folder: Path, function: FunctionType) -> None:
         # not numba's own: that looks through the places it knows for one that can be written to
         file = function.__code__.co_filename
         self._lineno = function.__code__.co_firstlineno
-        self._locator = _Place(folder, function, file)
+        self._locator = _Place(folder, file, self._lineno)
         name = f"{Path(file).stem}.{function.__qualname__}"
         self._filename_base = self.get_filename_base(name, getattr(sys, "abiflags", ""))
 
@@ -62,7 +72,7 @@ class _Entries(IndexDataCacheFile):
         return found[1] if found is not None and found[0] == key else None
 
     @contextmanager
-    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+    def _open_for_write(self, filepath: str) -> Generator[io.BytesIO]:
         with super()._open_for_write(filepath) as file:
             content = io.BytesIO()
             yield content
@@ -99,7 +109,7 @@ class KernelCache(FunctionCache):
         writable: Whether to write what is compiled.
     """
 
-    def __init__(self, function: Callable[..., Any], folder: Path, writable: bool = True) -> None:
+    def __init__(self, function: FunctionType, folder: Path, writable: bool = True) -> None:
         self._impl_class = functools.partial(_Files, folder)
         super().__init__(function)
         stamp = self._impl.locator.get_source_stamp()
@@ -119,5 +129,5 @@ class KernelCache(FunctionCache):
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            _warn(f"Compiled kernels cannot be kept in %s ({error.strerror}): the next start compiles them again.",
-                  self._cache_path)
+            reason = error.strerror or error
+            _warn(f"Compiled kernels cannot be kept in %s ({reason}): the next start compiles anew.", self._cache_path)

@@ -11,9 +11,9 @@ import os
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 from numba import config, njit
@@ -92,17 +92,17 @@ CACHE_IS_WRITABLE = CACHE_DIRECTORY is not None and os.access(CACHE_DIRECTORY, o
 _FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 
 
-def jit(function: Callable[..., Any]) -> Any:
+def jit(function: FunctionType) -> Any:
     """Compile a kernel on first use: cached on disk, IEEE arithmetic, division by zero gives inf."""
     return _compiled(function, _FLAGS)
 
 
-def jit_released(function: Callable[..., Any]) -> Any:
+def jit_released(function: FunctionType) -> Any:
     """The same for a loop of seconds: other threads of Python run meanwhile, which costs a short kernel too much."""
     return _compiled(function, {**_FLAGS, "nogil": True})
 
 
-def _compiled(function: Callable[..., Any], flags: dict[str, Any]) -> Any:
+def _compiled(function: FunctionType, flags: dict[str, Any]) -> Any:
     kernel = njit(**flags)(function)
     if CACHE_DIRECTORY is not None and not config.DISABLE_JIT:
         kernel._cache = KernelCache(function, CACHE_DIRECTORY, CACHE_IS_WRITABLE)

@@ -27,7 +27,7 @@ def _frozen(values: ArrayLike, dtype: np.dtype | type = np.float64) -> NDArray:
 
 
 def _made_anew(thing: Any) -> tuple[type, tuple[Any, ...]]:
-    """How to pickle a dataclass so that its arrays come back read-only: other arrays are another type to the kernels."""
+    """How to pickle a dataclass so that its arrays come back read-only: others are another type to the kernels."""
     return type(thing), tuple(getattr(thing, field.name) for field in fields(thing))
 
 
