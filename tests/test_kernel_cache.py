@@ -10,9 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import config
 
 from jssa_gym.kernels import jit as compiler
 from jssa_gym.kernels.cache import KernelCache
+
+pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
 
 def twice(x):
