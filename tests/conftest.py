@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import settings
+from numba import config as numba_config
 
 from jssa_gym.humans import Body, nobody
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
@@ -52,6 +53,13 @@ def pytest_collection_modifyitems(config, items):
 def pytest_runtest_setup(item):
     if item.get_closest_marker("gl") and _no_opengl():
         pytest.skip(_no_opengl())
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _interpreted_kernels_are_silent():
+    """Compiled, a kernel says nothing about infinity and NaN; run by Python (NUMBA_DISABLE_JIT=1), numpy would warn."""
+    with np.errstate(all="ignore" if numba_config.DISABLE_JIT else None):
+        yield
 
 
 @pytest.fixture(scope="session")

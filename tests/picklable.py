@@ -1,4 +1,4 @@
-"""Environments and policies of a user's own, importable by other processes."""
+"""Environments, filters and policies of a user's own, importable by other processes."""
 
 import os
 import signal
@@ -8,6 +8,9 @@ import numpy as np
 
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.sensor import SensorModel
+from jssa_gym.shields import SafetyFilter
+from jssa_gym.shields.pairs import PairFilter
+from jssa_gym.types import Decision, Status
 
 
 def environment() -> ArmEnv:
@@ -72,3 +75,35 @@ def lasting(number: int) -> int:
     print(os.getpid(), flush=True)
     time.sleep(600.0)
     return number
+
+
+class Distant(PairFilter):
+    """A filter of a user's own: slows down when somebody is near, and remembers for how long it has."""
+
+    def _coefficients(self):
+        return 0.8, 0.0, 0.0
+
+    def reset(self, scene):
+        super().reset(scene)
+        self.near = np.zeros(self.robot.n)
+
+    def _respond(self, nominal, inside):
+        phi = self._phi.max()
+        if not phi > 0.0:
+            return self._untouched(nominal, inside, phi)
+        self.near += 1.0
+        jerk = np.clip(self._clipped / (1.0 + self.near), self.lower, self.upper)
+        return self._decided(jerk, nominal, Status.PROJECTED, "somebody is near", phi)
+
+
+class Sluggish(SafetyFilter):
+    """A filter of a user's own: follows the nominal late."""
+
+    def reset(self, scene):
+        super().reset(scene)
+        self.followed = np.zeros(self.robot.n)
+
+    def _filter(self, scene, state, agents, nominal, inside):
+        self.followed = 0.9 * self.followed + 0.1 * self._clipped
+        jerk = np.clip(self.followed, self.lower, self.upper)
+        return Decision(jerk, nominal, Status.PROJECTED, "late", scene.time, np.nan, (-1, -1), 0.0, 0)

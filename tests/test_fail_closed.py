@@ -355,7 +355,9 @@ ANNOUNCED = "Compiling kernels once"
 
 def said(source: str, cache: Path | None = None) -> list[str]:
     """What a new process writes to stderr, the path of its cache left out."""
-    environment = {**os.environ} if cache is None else {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0"}
+    if cache is not None:
+        environment["NUMBA_CACHE_DIR"] = str(cache)
     run = subprocess.run([sys.executable, "-c", source], env=environment, capture_output=True, text=True, check=True)
     return [ANNOUNCED if line.startswith(ANNOUNCED) else line for line in run.stderr.splitlines()]
 

@@ -11,6 +11,7 @@ import pytest
 import reference as ref
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import config
 from scipy.optimize import linprog
 
 from jssa_gym.exceptions import ParameterError
@@ -268,7 +269,8 @@ def rows_nearly_twice(rng):
 def test_rows_that_nearly_repeat_each_other_are_solved(times):
     """Here rounding undoes what the active set has found: a solution has to come out all the same."""
     rng, hard = np.random.default_rng(0), 0
-    for _ in range(20_000 * times):
+    count = 2_000 if config.DISABLE_JIT else 20_000 * times
+    for _ in range(count):
         nominal, L, S, lower, upper = rows_nearly_twice(rng)
         u, feasible, left = many_rows(nominal, L, S, lower, upper, np.eye(6))
         assert np.isfinite(left)
@@ -278,7 +280,7 @@ def test_rows_that_nearly_repeat_each_other_are_solved(times):
             hard += 1
             if hard % 20 == 0:
                 assert left == pytest.approx(ref.least_violation(L, S, lower, upper)[0], rel=1e-5, abs=1e-8)
-    assert hard >= 1000 * times
+    assert hard >= count / 20
 
 
 def test_a_box_a_few_roundings_wide_is_a_point():

@@ -252,7 +252,7 @@ def check_limits(extremes, keeps):
                 continue
             limits = list(LOOSE)
             limits[at] = limit + outward * more
-            assert keeps(*limits) is expected, (name, more)
+            assert keeps(*limits) == expected, (name, more)
 
 
 def extremes_of(samples):

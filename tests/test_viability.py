@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numba import config
 
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import integrate
@@ -130,15 +131,16 @@ def test_limits_are_kept_against_any_policy(group, times):
 
     Sub-tick samples too. A shield that stands still would pass this: see the next test.
     """
+    arms = 8 if config.DISABLE_JIT else 40
     for seed in range(times):
-        worst, tails, _ = simulate(100 * group + seed, 40, 600, group)
+        worst, tails, _ = simulate(100 * group + seed, arms, 600, group)
         assert np.all(worst <= 1e-9), worst
         assert np.all(tails <= 0.003 * group), dict(zip(ADVERSARIES, tails, strict=True))
 
 
 def test_the_limits_are_used():
     """Joints that are driven to their limits get there: the shield is not safe by being timid."""
-    _, _, reached = simulate(7, 20, 1000, 1)
+    _, _, reached = simulate(7, 5 if config.DISABLE_JIT else 20, 1000, 1)
     assert np.mean(reached[0] > 0.99) > 0.6
     assert np.mean(reached[2] > 0.99) > 0.7
     roomy = simulate_alone(arm_limits("paper") * np.array([[50.0], [50.0], [1.0], [1.0], [1.0]]))

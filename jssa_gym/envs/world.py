@@ -1,7 +1,7 @@
 """The MuJoCo side of a scene: pictures, and the servoed arm."""
 
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ _CLOTHES = {
 }
 _SUBSTEP = 0.001
 """Period of the position servos [s]."""
+
+_CAMERA = ("azimuth", "elevation", "distance", "lookat", "type", "fixedcamid", "trackbodyid")
+"""What a camera is, for MuJoCo's own cannot be pickled."""
 
 
 def planes_of(scene: str) -> Planes:
@@ -81,6 +84,21 @@ class World:
         self.camera = mujoco.MjvCamera()
         self.camera.azimuth, self.camera.elevation, self.camera.distance = 98.0, -10.0, 3.1
         self.camera.lookat[:] = robot.mount + np.array([0.5, 0.0, 0.27])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The simulated arm as it is; renderer and window stay here, a copy opens its own."""
+        camera = {name: np.array(getattr(self.camera, name)) for name in _CAMERA}
+        none = {"_mujoco": None, "model": None, "_renderer": None, "_window": None, "_window_threads": set()}
+        return {**self.__dict__, **none, "camera": camera}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        choose_gl_backend()
+        import mujoco
+
+        # the data come with their model
+        self.__dict__.update(state, _mujoco=mujoco, model=state["data"].model, camera=mujoco.MjvCamera())
+        for name, value in state["camera"].items():
+            setattr(self.camera, name, value if value.ndim else value.item())
 
     def pose(self, position: Array) -> None:
         """Set the joints, shape (n,) [rad]; for pictures."""

@@ -89,7 +89,7 @@ class Recorded(HumanMotion):
         placed = self._drawn(rng) if start is None else self._from(start)
         self._time, self._ends = placed.time - placed.time[0], np.stack([placed.start, placed.end], axis=1)
         self._person = np.full(len(placed.radius), person, np.int64)
-        self._clock, self._now = 0.0, self._ends[0]
+        self._clock, self._now = 0.0, self._ends[0].copy()
         self._velocity = np.zeros_like(self._now)
         return self._capsules()
 
@@ -101,7 +101,7 @@ class Recorded(HumanMotion):
         return self._capsules()
 
     def _capsules(self) -> CapsuleSet:
-        (start, end), (start_velocity, end_velocity) = self._now.copy(), self._velocity
+        (start, end), (start_velocity, end_velocity) = self._now.copy(), self._velocity.copy()
         return CapsuleSet(
             start, end, start_velocity, end_velocity, self.recording.radius, self.recording.names, self._person
         )

@@ -6,7 +6,7 @@ from typing import Any
 
 from numba import config
 
-from jssa_gym.kernels.jit import CACHE_DIRECTORY
+from jssa_gym.kernels.jit import CACHE_DIRECTORY, CACHE_IS_TEMPORARY, CACHE_IS_WRITABLE
 
 _logger = logging.getLogger("jssa_gym")
 _announced: list[Any] = []
@@ -22,8 +22,14 @@ def announce_compilation(kernel: Any) -> None:
     if config.DISABLE_JIT or _is_cached(kernel) or not all(_is_cached(other) for other in _announced):
         return
     _announced.append(kernel)
-    if CACHE_DIRECTORY is None:
+    if not CACHE_IS_WRITABLE:
         _logger.warning("Compiling kernels; no cache directory is writable, so every start will (about half a minute).")
+    elif CACHE_IS_TEMPORARY:
+        _logger.warning(
+            "Compiling kernels, about half a minute; cached in %s, which may be deleted, as there is no home directory "
+            "to write to. NUMBA_CACHE_DIR says where else.",
+            CACHE_DIRECTORY,
+        )
     else:
         _logger.warning(
             "Compiling kernels once for this version when they are first needed, about half a minute; cached in %s.",

@@ -8,13 +8,17 @@ therefore keyed by a hash of all kernel sources, so that an edit or an upgrade c
 
 import hashlib
 import os
+import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 from numba import config, njit
+
+from jssa_gym.kernels.cache import KernelCache
 
 
 def source_hash() -> str:
@@ -26,47 +30,80 @@ def source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-def _cache_root() -> Path:
+def _user_cache() -> Path:
+    """The user's folder for caches; RuntimeError where there is no home, as in containers with arbitrary users."""
     if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", tempfile.gettempdir()))
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
 
 
-def _cache_directory() -> Path | None:
-    """A writable directory for this version of the kernels, or None: then nothing is cached."""
-    root = Path(config.CACHE_DIR) if config.CACHE_DIR else _cache_root() / "jssa_gym" / "numba"
+def _private_folder() -> Path | None:
+    """A temporary folder that nobody else can have filled: machine code from it is run. None if there is none."""
+    if not hasattr(os, "getuid"):
+        return None
+    try:
+        folder = Path(tempfile.gettempdir()) / f"jssa_gym-{os.getuid()}"
+        with suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        found = folder.lstat()
+    except OSError:
+        return None
+    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+    return folder if own else None
+
+
+def _root() -> Path | None:
+    """Where kernels are kept: where the user says, else with the user's other caches; None without a home."""
+    if config.CACHE_DIR:
+        return Path(config.CACHE_DIR)
+    try:
+        return _user_cache() / "jssa_gym" / "numba"
+    except RuntimeError:
+        return None
+
+
+def _directory_in(root: Path | None) -> Path | None:
+    """The directory of this version of the kernels, writable or not; None if there is none and none can be made."""
+    if root is None:
+        return None
     directory = root / source_hash()
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError:
         return None
-    return directory if os.access(directory, os.W_OK) else None
+    return directory
 
 
-CACHE_DIRECTORY = _cache_directory()
+CACHE_DIRECTORY = _directory_in(_root())
+"""None: nothing is cached."""
+
+CACHE_IS_TEMPORARY = CACHE_DIRECTORY is None and not config.CACHE_DIR
+"""There is no home directory, or none that can be written to."""
+
+if CACHE_IS_TEMPORARY:
+    CACHE_DIRECTORY = _directory_in(_private_folder())
+
+CACHE_IS_WRITABLE = CACHE_DIRECTORY is not None and os.access(CACHE_DIRECTORY, os.W_OK)
+"""If not, what is cached is used all the same."""
 
 # nobody calls kernels from C: without those wrappers everything compiles faster
 _FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 
 
-def jit(function: Callable[..., Any]) -> Any:
+def jit(function: FunctionType) -> Any:
     """Compile a kernel on first use: cached on disk, IEEE arithmetic, division by zero gives inf."""
     return _compiled(function, _FLAGS)
 
 
-def jit_released(function: Callable[..., Any]) -> Any:
+def jit_released(function: FunctionType) -> Any:
     """The same for a loop of seconds: other threads of Python run meanwhile, which costs a short kernel too much."""
     return _compiled(function, {**_FLAGS, "nogil": True})
 
 
-def _compiled(function: Callable[..., Any], flags: dict[str, Any]) -> Any:
-    if CACHE_DIRECTORY is None:
-        return njit(**flags)(function)
-    previous = config.CACHE_DIR
-    config.CACHE_DIR = str(CACHE_DIRECTORY)
-    try:
-        return njit(cache=True, **flags)(function)
-    finally:
-        config.CACHE_DIR = previous
+def _compiled(function: FunctionType, flags: dict[str, Any]) -> Any:
+    kernel = njit(**flags)(function)
+    if CACHE_DIRECTORY is not None and not config.DISABLE_JIT:
+        kernel._cache = KernelCache(function, CACHE_DIRECTORY, CACHE_IS_WRITABLE)
+    return kernel

@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -227,15 +228,35 @@ class JPCPolicy:
         return first.then(later)
 
 
+@dataclass(frozen=True, slots=True)
+class _Between:
+    """Draws the host's delay evenly; like a constant one a class, since what stands in a function is never pickled."""
+
+    low: float
+    high: float
+
+    def __call__(self, rng: np.random.Generator) -> float:
+        return float(rng.uniform(self.low, self.high))
+
+
+@dataclass(frozen=True, slots=True)
+class _Always:
+    """A delay that draws nothing."""
+
+    delay: float
+
+    def __call__(self, rng: np.random.Generator) -> float:
+        return self.delay
+
+
 def _delay(host_delay: Delay) -> Callable[[np.random.Generator], float]:
     if isinstance(host_delay, tuple):
-        low, high = low_high("host_delay", host_delay)
-        return lambda rng: float(rng.uniform(low, high))
+        return _Between(*low_high("host_delay", host_delay))
     if isinstance(host_delay, int | float):
         delay = float(host_delay)
         if not delay >= 0.0:
             raise ParameterError(f"host_delay has to be at least 0, got {host_delay!r}")
-        return lambda rng: delay
+        return _Always(delay)
     if not callable(host_delay):
         raise ParameterError(f"host_delay has to be a number, (low, high) or a function, got {host_delay!r}")
     return host_delay

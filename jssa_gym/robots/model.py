@@ -1,8 +1,8 @@
 """A serial arm as the kernels need it, read from an MJCF file."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,11 @@ def _frozen(values: ArrayLike, dtype: np.dtype | type = np.float64) -> NDArray:
     return array
 
 
+def _made_anew(thing: Any) -> tuple[type, tuple[Any, ...]]:
+    """How to pickle a dataclass so that its arrays come back read-only: others are another type to the kernels."""
+    return type(thing), tuple(getattr(thing, field.name) for field in fields(thing))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class JointLimits:
     """Limits of every joint, symmetric but for the position.
@@ -43,6 +48,8 @@ class JointLimits:
     """Shape (n,) [rad/s²]."""
     jerk: Array
     """Shape (n,) [rad/s³]."""
+
+    __reduce__ = _made_anew
 
     def __post_init__(self) -> None:
         for name in ("position", "velocity", "acceleration", "jerk"):
@@ -86,6 +93,14 @@ class RobotModel:
     mjcf: Path
     mount: Array = field(default_factory=lambda: _frozen(np.zeros(3)))
     """Where the MJCF's world origin stands in the world, shape (3,) [m]."""
+
+    __reduce__ = _made_anew
+
+    def __post_init__(self) -> None:
+        for name in ("links", "capsules", "self_pairs", "home", "tool_offset", "mount"):
+            array = np.array(getattr(self, name))
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
         """Itself: it cannot change, and a copy's arrays would be writable."""

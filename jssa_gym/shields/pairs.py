@@ -55,8 +55,12 @@ class PairFilter(SafetyFilter):
         self._pairs = records((len(self._segments), columns), PAIR)
         self._motion, self._rows = np.zeros((count, 4)), np.zeros((count, self.robot.n))
         self._normals = np.zeros((count, 3))
-        self._phi = self._pairs["phi"].reshape(-1)
         self._pair, self._distance, self._closest = (-1, -1), np.inf, -1
+
+    @property
+    def _phi(self) -> Array:
+        # made when it is read: a view that is kept would be parted from its array where the filter is copied
+        return self._pairs["phi"].reshape(-1)
 
     def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
         if self._pairs.shape[1] != len(agents):

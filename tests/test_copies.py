@@ -1,0 +1,404 @@
+"""A contract of everything that has a state: a copy, or what was pickled, goes on like the original, bit for bit."""
+
+import copy
+import dataclasses
+import importlib
+import inspect
+import os
+import pickle
+import pkgutil
+import subprocess
+import sys
+from types import ModuleType
+
+import gymnasium as gym
+import numpy as np
+import picklable
+import pytest
+
+import jssa_gym
+from jssa_gym.control import JPCAction
+from jssa_gym.envs import TASKS, ArmEnv
+from jssa_gym.envs.faults import FAULTS
+from jssa_gym.envs.repeat import ActionRepeat
+from jssa_gym.envs.sensor import MissedTicks, SensorModel
+from jssa_gym.evaluation import RecordSafety
+from jssa_gym.evaluation.contenders import CONTENDERS, Ageless, Late, shielded
+from jssa_gym.humans import HUMANS, ApproachRetreat, Steered
+from jssa_gym.policies import POLICIES, JPCPolicy, SteeredPolicy, load_policy, shipped_policies
+from jssa_gym.robots import RobotModel, lr_mate_200id_7l
+from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, Shield
+from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
+from jssa_gym.types import Status
+
+
+def pickled(thing):
+    return pickle.loads(pickle.dumps(thing))
+
+
+COPIES = {"copied": copy.deepcopy, "pickled": pickled}
+copies = pytest.mark.parametrize("duplicate", COPIES.values(), ids=COPIES)
+
+
+def close_by(task="home", **kwargs) -> ArmEnv:
+    """Somebody comes so near that every filter has something to do; nothing ends the episode."""
+    human = ApproachRetreat(start=0.8, nearest=(0.62, 0.62), wait=(0.0, 0.0))
+    return ArmEnv(task, human=human, terminate_on=(), **kwargs)
+
+
+class Push:
+    """Jerks that change slowly, which filters object to."""
+
+    def __init__(self, env: gym.Env) -> None:
+        self.n, self.calls = env.action_space.shape[0], 0
+
+    def __call__(self, observation):
+        self.calls += 1
+        return np.sin(0.05 * self.calls + np.arange(self.n))
+
+
+def bits(value):
+    """What must not differ: every bit of every number, NaN too."""
+    if isinstance(value, dict):
+        return {key: bits(item) for key, item in value.items()}
+    if dataclasses.is_dataclass(value):
+        return bits({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})
+    if isinstance(value, tuple | list):
+        return [bits(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic | float):
+        array = np.asarray(value)
+        return array.dtype, array.shape, array.tobytes()
+    return value
+
+
+def go_on(env: gym.Env, policy, observation, steps: int) -> list:
+    """All that can be seen of some steps."""
+    seen = []
+    for _ in range(steps):
+        action = policy(observation)
+        observation, *rest = env.step(action)
+        seen.append(bits([action, observation, *rest, decisions(env)]))
+    return seen
+
+
+def decisions(env: gym.Env) -> list:
+    """What the shields in a chain of wrappers decided last."""
+    found = []
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, Shield) and env.last_decision is not None:
+            found.append(env.last_decision)
+        env = env.env
+    return found
+
+
+def begin(env: gym.Env, policy, steps: int = 40, seed: int = 3):
+    observation, _ = env.reset(seed=seed)
+    for _ in range(steps):
+        observation, *_ = env.step(policy(observation))
+    return observation
+
+
+def check(env: gym.Env, policy, duplicate, steps: int = 60) -> list:
+    """Copy both in mid-episode, let the original go on, then the copy; what was seen of the original."""
+    observation = begin(env, policy)
+    other = duplicate((env, policy))
+    expected = go_on(env, policy, observation, steps)
+    assert go_on(*other, observation, steps) == expected
+    # and a copy is whole: a new episode is the same, too
+    assert bits(other[0].reset(seed=5)) == bits(env.reset(seed=5))
+    return expected
+
+
+def statuses(seen: list) -> set[int]:
+    return {step[5]["shield/status"] for step in seen}
+
+
+# ---- filters -----------------------------------------------------------------------------------------
+
+LAYERS = {
+    "bare": {},
+    "with viability box and verified stop": {"viability": True, "failsafe": FailsafeParams()},
+}
+OPTIONS = {
+    "osqp": lambda robot, dt, **layers: JSSAFilter(robot, dt, projector="osqp", **layers),
+    "static rows": lambda robot, dt, **layers: JSSAFilter(robot, dt, static_rows=True, **layers),
+    "a user's, of pairs": picklable.Distant,
+    "a user's": picklable.Sluggish,
+}
+ALL_FILTERS = {**FILTERS, **OPTIONS}
+filters = pytest.mark.parametrize("build", ALL_FILTERS.values(), ids=ALL_FILTERS)
+layers = pytest.mark.parametrize("layers", LAYERS.values(), ids=LAYERS)
+
+
+def shield(build, layers) -> Shield:
+    env = close_by()
+    return Shield(env, build(env.robot, env.dt, **layers))
+
+
+@copies
+@layers
+@filters
+def test_a_filter_goes_on(build, layers, duplicate) -> None:
+    env = shield(build, layers)
+    found = statuses(check(env, Push(env), duplicate))
+    assert Status.FAULT not in found
+    if build is not FILTERS["none"]:
+        # else a blind copy could not be told from one that sees
+        assert found - {Status.NOMINAL}
+
+
+@layers
+@filters
+def test_a_filter_that_has_decided_goes_on_in_another_shield(build, layers) -> None:
+    env = shield(build, layers)
+    policy = Push(env)
+    observation = begin(env, policy)
+    other = Shield(copy.deepcopy(env.env), env.filter)
+    expected = go_on(env, copy.deepcopy(policy), observation, 60)
+    assert go_on(other, policy, observation, 60) == expected
+
+
+@pytest.mark.parametrize("name", CONTENDERS)
+def test_a_weakened_shield_goes_on(name) -> None:
+    env = shielded(close_by(), name)
+    check(env, Push(env), copy.deepcopy)
+
+
+# ---- what lies in the same memory --------------------------------------------------------------------
+
+
+def arrays(thing, path: str = "", seen: dict | None = None) -> dict[int, tuple[str, np.ndarray]]:
+    """All arrays that an object leads to, by their identity, with the way there."""
+    seen = {} if seen is None else seen
+    found = {}
+    if id(thing) in seen or isinstance(thing, RobotModel | type | ModuleType | str | bytes):
+        return found
+    if type(thing).__module__.startswith("mujoco"):  # its arrays are windows on memory that it copies as a whole
+        return found
+    seen[id(thing)] = thing
+    if isinstance(thing, np.ndarray):
+        return {id(thing): (path, thing)}
+    if isinstance(thing, dict):
+        items = [(f"{path}[{key!r}]", value) for key, value in thing.items()]
+    elif isinstance(thing, tuple | list | set | frozenset):
+        items = [(f"{path}[{k}]", value) for k, value in enumerate(thing)]
+    else:
+        slots = [name for kind in type(thing).__mro__ for name in getattr(kind, "__slots__", ())]
+        names = {*getattr(thing, "__dict__", {}), *slots}
+        items = [(f"{path}.{name}", getattr(thing, name)) for name in sorted(names) if hasattr(thing, name)]
+    for where, value in items:
+        found |= arrays(value, where, seen)
+    return found
+
+
+def shared(thing) -> set[tuple[str, str]]:
+    """Pairs of arrays that are no single object but share memory that can be written: copying parts them."""
+    found = list(arrays(thing).values())
+    return {
+        (one, other)
+        for k, (one, a) in enumerate(found)
+        for other, b in found[k + 1 :]
+        if (a.flags.writeable or b.flags.writeable) and np.shares_memory(a, b)
+    }
+
+
+@layers
+@filters
+def test_no_array_of_a_filter_is_a_view_of_another(build, layers) -> None:
+    env = shield(build, layers)
+    begin(env, Push(env))
+    assert len(arrays(env.filter)) > 5
+    assert shared(env.filter) == set()
+    assert shared(copy.deepcopy(env.filter)) == set()
+
+
+def test_views_are_found() -> None:
+    class Holder:
+        def __init__(self) -> None:
+            self.whole = np.zeros((2, 3))
+            self.again = self.whole  # the same object stays the same
+            self.inner = {"row": [self.whole[1]]}
+
+    assert shared(Holder()) == {(".inner['row'][0]", ".whole")} or shared(Holder()) == {(".again", ".inner['row'][0]")}
+    assert shared(copy.deepcopy(Holder())) == set()
+
+
+# ---- environments ------------------------------------------------------------------------------------
+
+
+@copies
+@pytest.mark.parametrize("dynamics", ["kinematic", "servo"])
+@pytest.mark.parametrize("task", TASKS)
+def test_an_environment_goes_on(task, dynamics, duplicate) -> None:
+    env = ArmEnv(task, dynamics=dynamics, terminate_on=())
+    check(env, Push(env), duplicate)
+    assert shared(env) == set()
+
+
+@copies
+@pytest.mark.parametrize("dynamics", ["kinematic", "servo"])
+def test_a_shielded_environment_goes_on(dynamics, duplicate) -> None:
+    env = JSSAShield(gym.wrappers.TimeLimit(close_by(dynamics=dynamics), 1000))
+    assert statuses(check(env, Push(env), duplicate)) - {Status.NOMINAL}
+
+
+@copies
+@pytest.mark.parametrize("human", [*HUMANS, "two", "steered"])
+def test_people_go_on(human, duplicate) -> None:
+    who = {"two": ("pursuit", "hand"), "steered": Steered([[-1.0, 0.0, 1.0]] * 5)}.get(human, human)
+    env = ArmEnv("home", human=who, terminate_on=())
+    check(env, Push(env), duplicate, 100)
+    assert shared(env) == set()
+
+
+@pytest.mark.gl
+@copies
+@pytest.mark.parametrize("dynamics", ["kinematic", "servo"])
+def test_an_environment_that_has_drawn_goes_on_and_draws(dynamics, duplicate) -> None:
+    env = close_by(dynamics=dynamics, render_mode="rgb_array", width=64, height=48)
+    observation = begin(env, Push(env), 10)
+    env.world.camera.azimuth = 40.0
+    before = env.render()
+    other = duplicate(env)
+    assert other.world is not env.world
+    np.testing.assert_array_equal(other.render(), before)
+    push = Push(env)
+    assert go_on(other, copy.deepcopy(push), observation, 20) == go_on(env, push, observation, 20)
+    np.testing.assert_array_equal(other.render(), env.render())
+    env.close()
+    other.render()
+    other.close()
+
+
+ELSEWHERE = """
+import pickle, sys
+import test_copies
+env, policy, observation = pickle.load(open(sys.argv[1], "rb"))
+print(repr(test_copies.go_on(env, policy, observation, 30)))
+"""
+
+
+def test_what_was_pickled_goes_on_in_another_process(tmp_path) -> None:
+    env = JSSAShield(close_by(dynamics="servo"))
+    policy = Push(env)
+    observation = begin(env, policy)
+    path = tmp_path / "env.pickle"
+    path.write_bytes(pickle.dumps((env, policy, observation)))
+    places = os.pathsep.join([os.path.dirname(__file__), *sys.path])  # noqa: PTH120
+    command = [sys.executable, "-c", ELSEWHERE.replace("test_copies", __name__), str(path)]
+    answer = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": places}, capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.strip() == repr(go_on(env, policy, observation, 30))
+
+
+# ---- wrappers ----------------------------------------------------------------------------------------
+
+
+def told(env: gym.Env) -> gym.Env:
+    return JSSAShield(env)
+
+
+WRAPPERS = {
+    "SensorModel": lambda: told(SensorModel(close_by(), "all that is reported")),
+    **{f"SensorModel, {name}": lambda name=name: told(SensorModel(close_by(), name)) for name in FAULTS},
+    "MissedTicks": lambda: told(MissedTicks(close_by(), 0.2)),
+    "Late": lambda: told(Late(close_by(), 5)),
+    "Ageless": lambda: told(Ageless(SensorModel(close_by(), "latency 100 ms"))),
+    "ActionRepeat": lambda: ActionRepeat(told(close_by()), 3),
+    "RecordSafety": lambda: RecordSafety(gym.wrappers.TimeLimit(told(close_by()), 60)),
+    "JPCAction": lambda: JPCAction(told(close_by()), mode="position"),
+    "JPCAction, velocity": lambda: JPCAction(told(close_by()), mode="velocity"),
+    "JPCAction, tip": lambda: JPCAction(told(close_by()), mode="tip"),
+    "InterventionPenalty": lambda: InterventionPenalty(told(close_by())),
+    "ObserveIntervention": lambda: ObserveIntervention(told(close_by())),
+    "ExecutedAction": lambda: ExecutedAction(told(close_by())),
+    "Shield": lambda: Shield(env := close_by(), FILTERS["ssa"](env.robot, env.dt)),
+    "JSSAShield": lambda: told(close_by()),
+}
+
+
+@copies
+@pytest.mark.parametrize("build", WRAPPERS.values(), ids=WRAPPERS)
+def test_a_wrapper_goes_on(build, duplicate) -> None:
+    env = build()
+    check(env, Push(env), duplicate)
+    assert shared(env) == set()
+
+
+def test_every_wrapper_is_among_them() -> None:
+    found = set()
+    for module in pkgutil.walk_packages(jssa_gym.__path__, "jssa_gym."):
+        if not module.name.endswith("__main__"):
+            members = vars(importlib.import_module(module.name)).values()
+            found |= {kind for kind in members if inspect.isclass(kind) and issubclass(kind, gym.Wrapper)}
+    ours = {kind.__name__ for kind in found if kind.__module__.startswith("jssa_gym")}
+    assert ours == {name.split(",")[0] for name in WRAPPERS}
+
+
+# ---- policies ----------------------------------------------------------------------------------------
+
+MORE_POLICIES = {
+    "jpc, constant delay": lambda env, seed: JPCPolicy(env, seed, host_delay=0.05),
+    "steered": lambda env, seed: SteeredPolicy(env, np.random.default_rng(seed).uniform(-1, 1, (6, 6))),
+}
+ALL_POLICIES = {**POLICIES, **MORE_POLICIES}
+
+
+@copies
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("build", ALL_POLICIES.values(), ids=ALL_POLICIES)
+def test_a_policy_goes_on(build, task, duplicate) -> None:
+    env = JSSAShield(ArmEnv(task, terminate_on=()))
+    policy = build(env, 7)
+    check(env, policy, duplicate)
+    assert shared(policy) == set()
+
+
+@copies
+@pytest.mark.parametrize("name", shipped_policies())
+def test_a_learned_policy_goes_on(name, duplicate) -> None:
+    policy = load_policy(name)
+    env = JSSAShield(ArmEnv(policy.task, terminate_on=()))
+    if policy.observes_intervention:
+        env = ObserveIntervention(env)
+    check(env, policy, duplicate)
+
+
+# ---- robots ------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_change_stays_so_in_a_copy() -> None:
+    robot = lr_mate_200id_7l()
+    for duplicate in COPIES.values():
+        for one in (duplicate(robot), duplicate(robot.limits), duplicate(JPCPolicy(close_by()))._robot):
+            fields = {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
+            held = [array for _, array in arrays(fields).values()]
+            assert len(held) >= 4
+            assert not any(array.flags.writeable for array in held)
+
+
+@copies
+def test_a_copy_needs_no_kernels_of_its_own(duplicate) -> None:
+    """Arrays that came back with other flags or strides would be other types, and half a minute of compilation."""
+
+    def signatures() -> int:
+        kernels = {
+            id(value): value
+            for name, module in sys.modules.items()
+            if name.startswith("jssa_gym.kernels.")
+            for value in vars(module).values()
+            if hasattr(value, "nopython_signatures")
+        }
+        assert not kernels or len(kernels) > 20
+        return sum(len(kernel.nopython_signatures) for kernel in kernels.values())
+
+    env = JSSAShield(close_by("reach"))
+    policy = POLICIES["straight"](env, 0)
+    observation = begin(env, policy)
+    other = duplicate((env, policy))
+    go_on(env, policy, observation, 60)
+    before = signatures()
+    go_on(*other, observation, 60)
+    assert signatures() == before
