@@ -55,11 +55,11 @@ def _guard(name, old, new, tests=ASSUMPTIONS):
     return Mutant(name, "shields/failsafe.py", old, new, tests)
 
 
-def _joints(name, old, new, tests=(JOINTS, "monitor or rebased")):
+def _joints(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
     return Mutant(name, "kernels/joints.py", old, new, tests)
 
 
-def _monitor(name, old, new, tests=(JOINTS, "monitor or rebased")):
+def _monitor(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
     return Mutant(name, "safety/joints.py", old, new, tests)
 
 

@@ -24,11 +24,12 @@ from jssa_gym.envs.repeat import ActionRepeat
 from jssa_gym.envs.sensor import MissedTicks, SensorModel
 from jssa_gym.evaluation import RecordSafety
 from jssa_gym.evaluation.contenders import CONTENDERS, Ageless, Late, shielded
+from jssa_gym.exceptions import InterfaceError
 from jssa_gym.humans import HUMANS, ApproachRetreat, Steered
 from jssa_gym.policies import POLICIES, JPCPolicy, SteeredPolicy, load_policy, shipped_policies
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, Shield
+from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, NoFilter, Shield
 from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
 from jssa_gym.types import Status
 
@@ -211,6 +212,21 @@ def test_no_array_of_a_filter_is_a_view_of_another(build, layers) -> None:
     assert len(arrays(env.filter)) > 5
     assert shared(env.filter) == set()
     assert shared(copy.deepcopy(env.filter)) == set()
+
+
+class Peeking(NoFilter):
+    """A user's filter that keeps a view of its own memory."""
+
+    def __init__(self, *args, **options) -> None:
+        super().__init__(*args, **options)
+        self.motion = np.zeros((3, 6))
+        self.speed = self.motion[1]
+
+
+def test_a_filter_that_a_copy_would_blind_is_refused_by_name() -> None:
+    env = ArmEnv("home")
+    with pytest.raises(InterfaceError, match="Peeking cannot be copied: its attributes motion and speed share memory"):
+        Shield(env, Peeking(env.robot, env.dt))
 
 
 def test_views_are_found() -> None:

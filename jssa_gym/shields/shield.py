@@ -1,6 +1,5 @@
 """Wrappers that put a filter between a policy and an environment."""
 
-import copy
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -16,6 +15,7 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
+from jssa_gym.shields.copying import own_copy
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.types import Decision, Scene, Status
@@ -70,8 +70,8 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
             environments must share; the shield's own is its attribute ``filter``.
 
     Raises:
-        InterfaceError: The environment lacks an attribute, has a wrapper that belongs outside, or filter and
-            environment differ.
+        InterfaceError: The environment lacks an attribute, has a wrapper that belongs outside, filter and environment
+            differ, or the filter cannot be copied.
     """
 
     def __init__(self, env: gym.Env, filter: SafetyFilter) -> None:
@@ -95,7 +95,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
             raise InterfaceError(f"the action space has shape {shape}, the robot {robot.n} joints")
         if not (np.all(env.action_space.low == -1.0) and np.all(env.action_space.high == 1.0)):  # ty: ignore[missing-attribute]
             raise InterfaceError("the action space has to be [-1, 1]: fractions of the jerk bounds")
-        self.filter = copy.deepcopy(filter)
+        self.filter = own_copy(filter)
         self.last_decision: Decision | None = None
         self._jerk_bound = np.array(robot.limits.jerk)
         self._n = robot.n
