@@ -1,5 +1,6 @@
 """Episodes of an evaluation: played and recorded, put into numbers."""
 
+import shlex
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.evaluation.contenders import PEOPLE
 from jssa_gym.evaluation.episodes import POLICY_SEEDS, digest
 from jssa_gym.evaluation.geometry import geometry
 from jssa_gym.evaluation.identity import code_version
@@ -18,7 +20,9 @@ from jssa_gym.evaluation.plans import Setting, Single, Study, make_policy
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.types import Trace
+from jssa_gym.validation import known_name
 
 AnyStudy = Study | Single
 
@@ -134,22 +138,36 @@ def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str,
     return played | code_version()
 
 
-def played_again(meta: Mapping[str, Any], *, trust_pickle: bool = False) -> Trace:
+def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pickle: bool = False) -> Trace:
     """Play a recorded episode anew from what its recording says of itself.
+
+    Nothing that only the recording names is read or run: a policy that is a file or ``"module:factory"`` has to be
+    given by whoever plays it.
 
     Args:
         meta: Of the recording.
+        policy: Instead of the one that it names, as :func:`~jssa_gym.evaluation.plans.make_policy` takes it.
         trust_pickle: If its policy is a file, see :func:`~jssa_gym.policies.load_policy`.
 
     Raises:
-        ParameterError: It does not say enough: only episodes made of names can be made again.
+        ParameterError: It does not say enough: only episodes made of names can be made again. Or it names a policy
+            that is not the package's, which has to be repeated.
     """
     if meta.get("named") is not True:
         raise ParameterError("only episodes of `jssa-gym evaluate` and `jssa-gym compare` can be played again")
     try:
-        task, filter, human, policy = setting = Setting(*(str(meta[name]) for name in Setting._fields))
+        setting = Setting(*(str(meta[name]) for name in Setting._fields))
         seed, steps = int(meta["seed"]), int(meta["steps"])
     except (KeyError, TypeError, ValueError) as error:
         raise ParameterError(f"the recording does not say how it came about: {error} is missing or wrong") from error
+    if policy is not None:
+        setting = setting._replace(policy=policy)
+    elif setting.policy not in (*POLICIES, *shipped_policies()):
+        raise ParameterError(
+            f"the recording asks for the policy {setting.policy!r}, a file or code that only it names; if you trust "
+            f"that, repeat it: --policy {shlex.quote(setting.policy)}"
+        )
+    known_name("human", setting.human, PEOPLE)  # no file either
+    task, filter, human, policy = setting
     plan = Study((task,), (filter,), (human,), (policy,), steps=steps, trust_pickle=trust_pickle)
     return Stage(plan, setting).record(seed)
