@@ -40,13 +40,19 @@ def main() -> None:
     arguments = sys.argv[1:]
     with terminal.prepared():
         try:
-            if arguments == ["--version"]:
-                print(f"jssa-gym {package_version()}")
-            else:
-                _parse(arguments).run()
-            terminal.flushed()
+            try:
+                if arguments == ["--version"]:
+                    print(f"jssa-gym {package_version()}")
+                else:
+                    _parse(arguments).run()
+            finally:
+                sys.stdout.flush()  # at the interpreter's end nobody could be told that it was in vain
+        except BrokenPipeError:  # nobody reads any more
+            terminal.abandon_output()
+            raise SystemExit(1) from None
         except (JSSAGymError, OSError) as error:
             terminal.complain(error)
+            terminal.abandon_output()
             raise SystemExit(2) from error
 
 

@@ -63,7 +63,7 @@ class Bench:
             peer = benchmark.cbfpy_report()
             done("")
         if missing := benchmark.cbfpy_missing():
-            Terminal(stderr=True).line(f"no times of CBFpy: {missing}")
+            Terminal(stderr=True).say(f"no times of CBFpy: {missing}")
         if self.json:
             result: dict[str, Any] = {"timings": [dataclasses.asdict(t) for t in timings], "cbfpy": peer}
             if first:
@@ -79,9 +79,9 @@ class Bench:
         console.print(table)
         if peer:
             for line in ("CBFpy on the same arm and pairs:", *peer.splitlines()):
-                console.line(line)
+                console.say(line)
         if first:
-            console.line(
+            console.say(
                 f"a shielded environment and 100 steps in a new process: {first[0]:.1f} s compiling, "
                 f"{first[1]:.2f} s cached"
             )

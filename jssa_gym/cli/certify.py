@@ -128,7 +128,7 @@ class Certify:
                     progress=lambda count: progress.advance(task, count),
                 )
         except KeyboardInterrupt:
-            console.line(f"stopped; the same command goes on from the counts in {self.out}")
+            console.say(f"stopped; the same command goes on from the counts in {self.out}")
             raise SystemExit(130) from None
         written = [self.out / "certificate.json"]
         write_json(written[0], found.plain())
@@ -142,7 +142,7 @@ class Certify:
             print(json.dumps(found.plain(), indent=2))
         else:
             _show(found, self.search)
-        console.line(f"wrote {', '.join(map(str, written))}")
+        console.say(f"wrote {', '.join(map(str, written))}")
         if not found.holds:
             raise SystemExit(1)
 
@@ -179,7 +179,7 @@ class Certify:
             print(json.dumps(swept.plain(), indent=2))
         else:
             _show_map(swept)
-        console.line(f"wrote {self.out / 'map.json'}, {self.out / 'map.png'}")
+        console.say(f"wrote {self.out / 'map.json'}, {self.out / 'map.png'}")
 
     def _replay(self, path: Path) -> None:
         recorded, index, found, viable = load_counterexample(path)
@@ -199,7 +199,7 @@ class Certify:
                 table.add_row(*row, str(again.reason[k]))
             console = Terminal()
             console.print(table)
-            console.line(
+            console.say(
                 f"the recording is {'the same' if same else 'ANOTHER'}; MuJoCo's distances "
                 f"{'agree' if verdict.agrees else 'DISAGREE'}"
             )
@@ -253,16 +253,16 @@ def _show(found: Certificate, searched: bool) -> None:
         kept.add_row(*row[: len(kept.columns)])
     console.print(kept)
     edge = ", ".join(f"{speed:.2f} m/s at {D:g} m" for D, speed in found.fastest_approach.items())
-    console.line(f"the index alone ends approaches up to: {edge}")
+    console.say(f"the index alone ends approaches up to: {edge}")
     if (inside := found.inside) is not None:
         said = "the set does not hold" if inside.k else "none that was drawn leaves it"
-        console.line(f"of the states inside the set 𝒞 of such approaches {inside} are infeasible: {said}")
-    console.line(
+        console.say(f"of the states inside the set 𝒞 of such approaches {inside} are infeasible: {said}")
+    console.say(
         f"the sufficient condition asks for a jerk of {found.needed_jerk:.3g} m/s³: "
         f"{'holds' if found.suffices else 'does not hold'} on the domain"
     )
     verdict = "no counter-example was found" if found.holds else "counter-examples were found: the certificate FAILS"
-    console.line(f"on the domain {verdict}")
+    console.say(f"on the domain {verdict}")
 
 
 def _show_map(swept: LambdaMap) -> None:
@@ -278,7 +278,7 @@ def _show_map(swept: LambdaMap) -> None:
         )
     console.print(table)
     best = swept.best
-    console.line(
+    console.say(
         f"of the pairs that slow nobody down beyond {swept.trigger:g} m, λ = ({best.lambda1:.3g}, {best.lambda2:.3g}) "
         "loses the fewest boundary states of the worst capsule (no jerk keeps the index, or the index alone ends the "
         "approach too late); how often it intervenes is not weighed"

@@ -75,7 +75,7 @@ class Compare:
         console = Terminal(stderr=True)
         for report in reports:
             warn(report, console)
-        console.line(f"wrote {self.out / 'report.html'}")
+        console.say(f"wrote {self.out / 'report.html'}")
 
     def _command(self) -> str:
         """What makes the same page again."""

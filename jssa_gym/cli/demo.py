@@ -91,7 +91,7 @@ class Demo:
             print(json.dumps([_plain(summary) for summary in summaries], indent=2))
         else:
             Terminal().print(_table(summaries))
-        console.line(f"wrote {', '.join(str(self.out / name) for name in written)}")
+        console.say(f"wrote {', '.join(str(self.out / name) for name in written)}")
 
     def _scene(self, steps: int) -> tuple[Callable[[], gym.Env], Callable[[gym.Env], Policy]]:
         """What makes the environment, and what drives the arm in it."""

@@ -61,7 +61,7 @@ def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
         try:
             return complete(study, out, jobs=jobs, keep=keep, progress=show)
         except KeyboardInterrupt:
-            console.line(f"stopped; the same command goes on from {played} episodes in {out}")
+            console.say(f"stopped; the same command goes on from {played} episodes in {out}")
             raise SystemExit(130) from None
 
 
@@ -145,16 +145,16 @@ class Evaluate:
             _show(report)
             if self.slowdown:
                 told = "no goal was reached there" if lost is None else lost
-                Terminal().line(f"time to the goal over that without filter and people: {told}")
+                Terminal().say(f"time to the goal over that without filter and people: {told}")
         console = Terminal(stderr=True)
         warn(report, console)
-        console.line(f"wrote episodes.csv and summary.json to {self.out}")
+        console.say(f"wrote episodes.csv and summary.json to {self.out}")
 
 
 def warn(report: Report, console: Terminal) -> None:
     """Say what is wrong with the policy itself, whatever the filter made of it."""
     for warning in report.warnings:
-        console.line(f"warning: {', '.join(report.setting)}: {warning}")
+        console.say(f"warning: {', '.join(report.setting)}: {warning}")
 
 
 def _show(report: Report) -> None:
@@ -170,6 +170,6 @@ def _show(report: Report) -> None:
     console.print(table)
     for path in report.traces:
         command = shlex.join(["jssa-gym", "replay", str(path), "--verify"])
-        console.line(f"one of the worst: {command}")
+        console.say(f"one of the worst: {command}")
     if report.unlike:
-        console.line(f"went otherwise when played again: seeds {', '.join(map(str, report.unlike))}")
+        console.say(f"went otherwise when played again: seeds {', '.join(map(str, report.unlike))}")

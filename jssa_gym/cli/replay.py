@@ -17,7 +17,7 @@ from jssa_gym.cli.film import EVERY, film, pictures, require_film
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.replay import judge
-from jssa_gym.evaluation.stage import digest_of, played_again
+from jssa_gym.evaluation.stage import digest_of, played_again, recorded_setting
 from jssa_gym.evaluation.trace import load_trace, read_meta
 from jssa_gym.evaluation.verdict import Verdict
 from jssa_gym.exceptions import ParameterError
@@ -60,9 +60,11 @@ class Replay:
             plots.require()
         trace, meta = load_trace(self.episode), read_meta(self.episode)
         robot = self._robot(trace)
+        if self.again:
+            recorded_setting(meta, self.policy)  # before anything is shown, or takes time
         console = Terminal()
-        console.line(f"{trace.name}: {len(trace.time)} steps of {trace.dt:g} s, {trace.ended}")
-        console.line(f"recorded from {json.dumps(meta)}")
+        console.say(f"{trace.name}: {len(trace.time)} steps of {trace.dt:g} s, {trace.ended}")
+        console.say(f"recorded from {json.dumps(meta)}")
         agrees = True
         if self.verify:
             verdict = judge(trace, robot)
@@ -72,11 +74,11 @@ class Replay:
             find_policies_here([self.policy or ""])
             same = _same(trace, played_again(meta, policy=self.policy, trust_pickle=self.trust_pickle))
             agrees = agrees and same
-            console.line(
+            console.say(
                 f"played again: {'the same bit for bit' if same else 'DIFFERENT'} (SHA-256 {digest_of(trace)[:16]})"
             )
             if not same:
-                console.line(_made_by(meta))
+                console.say(_made_by(meta))
         if self.figure or self.video:
             self._draw(trace, robot)
         if not agrees:
@@ -101,23 +103,23 @@ class Replay:
                 bar = progress.track(frames, total=pictures([trace]), description="filming")
                 plots.write_film(out / "episode.mp4", iter(bar), rate=round(1.0 / (trace.dt * EVERY)))
                 written.append(out / "episode.mp4")
-        console.line(f"wrote {', '.join(map(str, written))}")
+        console.say(f"wrote {', '.join(map(str, written))}")
 
 
 def _tell(verdict: Verdict, console: Terminal) -> None:
     word = "agrees" if verdict.same_course else "DISAGREES"
-    console.line(
+    console.say(
         f"MuJoCo {word} at {verdict.samples} moments: smallest distance {verdict.distance:.4g} m, "
         f"{len(verdict.contacts)} contacts, {sum(contact.moving for contact in verdict.contacts)} of them with the arm "
         f"moving, {len(verdict.self_collisions)} self-collisions, {len(verdict.plane_collisions)} with table or floor"
     )
-    console.line(
+    console.say(
         f"largest disagreements: distance {verdict.distance_error:.1e} m, contact at {verdict.contact_error} steps, "
         f"joint state {verdict.state_error:.1e} of the limits; contact speed {verdict.speed_error:.1e} m/s, which "
         "counts for nothing where capsules are deep inside each other"
     )
     for contact in verdict.contacts[:10]:
-        console.line(
+        console.say(
             f"  {contact.start:.3f} s to {contact.end:.3f} s: {contact.one} and {contact.other}, {contact.depth:.3g} m "
             f"deep, arm at {contact.speed:.3g} m/s, fault: {contact.fault}"
         )

@@ -141,7 +141,7 @@ class Reproduce:
         else:
             for name, result in results.items():
                 _show(name, result)
-        console.line(f"wrote {', '.join(chosen)}, each as .png and .json, to {self.out}")
+        console.say(f"wrote {', '.join(chosen)}, each as .png and .json, to {self.out}")
 
 
 def _row(measures: Measures) -> list[float]:

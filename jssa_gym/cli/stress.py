@@ -82,7 +82,7 @@ class Stress:
         try:
             self._play(ledger, jobs, console)
         except KeyboardInterrupt:
-            console.line(f"stopped; the same command goes on from {len(ledger.episodes)} episodes in {self.out}")
+            console.say(f"stopped; the same command goes on from {len(ledger.episodes)} episodes in {self.out}")
             raise SystemExit(130) from None
         episodes = ledger.ordered()
         rows = tally(episodes, self.by)
@@ -99,7 +99,7 @@ class Stress:
             written.append("degradation.png")
         if any(ledger.traces.glob("*.npz")):
             written.append("traces of the worst episodes")
-        console.line(f"wrote {', '.join(written)} to {self.out}")
+        console.say(f"wrote {', '.join(written)} to {self.out}")
         if broken:
             raise SystemExit(1)
 
@@ -164,14 +164,14 @@ def _show(
     if "filter" in by:
         for name in dict.fromkeys(row.group[by.index("filter")] for row in rows):
             if CONTENDERS[name].without:
-                console.line(f"{name}: full without {CONTENDERS[name].without}")
+                console.say(f"{name}: full without {CONTENDERS[name].without}")
     for episode in sorted(broken, key=lambda e: -e.severity)[:10]:
         what = "MuJoCo disagrees" if not episode.agrees else f"{episode.judged_speed or episode.contact_speed:.3g} m/s"
         names = " ".join(
             f"--{option} '{name}'"
             for option, name in zip(("filters", "humans", "policies", "faults"), episode.cell, strict=True)
         )
-        console.line(
+        console.say(
             f"broken ({what}, {episode.violations} violations, {episode.overlaps} overlaps): jssa-gym stress {names} "
             f"--episodes 1 --seed {episode.seed} --judge 1 --out again"
         )

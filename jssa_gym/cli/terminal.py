@@ -71,7 +71,7 @@ class Terminal(Console):
             seen = seen.encode(self.encoding, _ALIKE).decode(self.encoding)
         return super().render_str(seen, **options)
 
-    def line(self, text: str = "") -> None:
+    def say(self, text: str = "") -> None:
         """Print one line, however long, that can be pasted."""
         self.print(text, soft_wrap=True)
 
@@ -131,15 +131,10 @@ def complain(error: Exception) -> None:
     print(f"jssa-gym: {printable(text)}", file=sys.stderr)
 
 
-def flushed() -> None:
-    """Have everything written now: at the interpreter's end nobody could be told that it was not.
-
-    Raises:
-        OSError: The standard output is full, or nobody reads it any more; nothing more is written to it.
-    """
+def abandon_output() -> None:
+    """If nothing can be written to the standard output, keep the interpreter from trying once more at its end."""
     try:
         sys.stdout.flush()
     except OSError:
-        with contextlib.suppress(OSError, ValueError):  # streams without a file
+        with contextlib.suppress(OSError, ValueError):  # a stream without a file
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise

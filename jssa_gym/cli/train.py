@@ -132,12 +132,12 @@ class Train:
                 training = train(
                     config,
                     self.out,
-                    say=console.line,
+                    say=console.say,
                     watch=lambda steps: progress.update(bar, completed=steps),
                     command=shlex.join(["jssa-gym", *sys.argv[1:]]),
                 )
             except KeyboardInterrupt:
-                console.line(f"stopped; the same command goes on from the last checkpoint in {self.out}")
+                console.say(f"stopped; the same command goes on from the last checkpoint in {self.out}")
                 raise SystemExit(130) from None
         write_json(self.out / "training.json", {"training": config.as_dict(), "history": as_rows(training.history)})
         if self.json:
@@ -150,8 +150,8 @@ class Train:
                 words = ("--task", config.task, "--human", human, "--filter", guard)
                 words = ("jssa-gym", "evaluate", *words, "--policy", str(self.out / "best.npz"), "--episodes", "1000")
                 shown = Terminal()
-                shown.line()
-                shown.line(shlex.join(words))
+                shown.say()
+                shown.say(shlex.join(words))
         if self.video:
             self._film(training.policy, config)
 

@@ -166,6 +166,8 @@ class Ledger(Generic[AnyPlan, AnyRow]):
             return
         content = read_whole(self.table, ParameterError)
         whole = content[: content.rfind(b"\n") + 1]
+        if not (whole or ",".join(self._names).encode().startswith(content)):
+            raise ParameterError(f"{self.table} holds a line that is no episode; choose another folder")
         if len(whole) < len(content):
             # what a crash cut off is played again
             os.truncate(self.table, len(whole))

@@ -138,6 +138,33 @@ def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str,
     return played | code_version()
 
 
+def recorded_setting(meta: Mapping[str, Any], policy: str | None = None) -> Setting:
+    """What kind of episode a recording is of, where nothing has to be read or run that only the recording names.
+
+    Args:
+        meta: Of the recording.
+        policy: See :func:`played_again`.
+
+    Raises:
+        ParameterError: It does not say, or names a policy or people that are not the package's.
+    """
+    if meta.get("named") is not True:
+        raise ParameterError("only episodes of `jssa-gym evaluate` and `jssa-gym compare` can be played again")
+    try:
+        setting = Setting(*(str(meta[name]) for name in Setting._fields))
+    except KeyError as error:
+        raise ParameterError(f"the recording does not say how it came about: {error} is missing") from error
+    known_name("human", setting.human, PEOPLE)  # no file
+    if policy is not None:
+        return setting._replace(policy=policy)
+    if setting.policy not in (*POLICIES, *shipped_policies()):
+        raise ParameterError(
+            f"the recording asks for the policy {setting.policy!r}, a file or code that only it names; if you trust "
+            f"that, repeat it: --policy {shlex.quote(setting.policy)}"
+        )
+    return setting
+
+
 def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pickle: bool = False) -> Trace:
     """Play a recorded episode anew from what its recording says of itself.
 
@@ -153,21 +180,10 @@ def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pi
         ParameterError: It does not say enough: only episodes made of names can be made again. Or it names a policy
             that is not the package's, which has to be repeated.
     """
-    if meta.get("named") is not True:
-        raise ParameterError("only episodes of `jssa-gym evaluate` and `jssa-gym compare` can be played again")
+    setting = recorded_setting(meta, policy)
     try:
-        setting = Setting(*(str(meta[name]) for name in Setting._fields))
         seed, steps = int(meta["seed"]), int(meta["steps"])
     except (KeyError, TypeError, ValueError) as error:
         raise ParameterError(f"the recording does not say how it came about: {error} is missing or wrong") from error
-    if policy is not None:
-        setting = setting._replace(policy=policy)
-    elif setting.policy not in (*POLICIES, *shipped_policies()):
-        raise ParameterError(
-            f"the recording asks for the policy {setting.policy!r}, a file or code that only it names; if you trust "
-            f"that, repeat it: --policy {shlex.quote(setting.policy)}"
-        )
-    known_name("human", setting.human, PEOPLE)  # no file either
-    task, filter, human, policy = setting
-    plan = Study((task,), (filter,), (human,), (policy,), steps=steps, trust_pickle=trust_pickle)
+    plan = Study(*((name,) for name in setting), steps=steps, trust_pickle=trust_pickle)
     return Stage(plan, setting).record(seed)
