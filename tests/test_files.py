@@ -279,7 +279,8 @@ CONTENTS = {
     "NUL": b"unit = 'rad'\0\n",
     "nothing": b"",
     "noise": bytes(range(256)) * 10,
-    "deep": b"[" * 100_000,
+    "deep": b"[" * 100_000 + b"\n",
+    "no end of line": b"x" * 100,
     "a long number": b"a = " + b"9" * 10_000 + b"\n",
 }
 

@@ -99,6 +99,8 @@ def test_what_cannot_be_filmed_is_told_before_the_work(tmp_path, no_opengl, monk
     pytest.importorskip("av", reason="PyAV is not installed")
     command = commands(tmp_path, video=True)[name]
     monkeypatch.setattr("jssa_gym.cli.replay.judge", None)
+    monkeypatch.setattr("jssa_gym.cli.demo.rollout", None)
+    monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(DisplayError, match="no OpenGL for pictures; or give --no-video"):
         command.run()
     assert not (tmp_path / "out").exists()

@@ -287,6 +287,20 @@ def test_what_a_stream_cannot_write_is_written_alike(monkeypatch, encoding):
     assert first == expected[encoding]
 
 
+def test_columns_stay_columns_where_a_look_alike_is_longer(monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii", newline="\n")
+    monkeypatch.setattr(sys, "stdout", stream)
+    with prepared():
+        table = Table("≤ λ", "x")
+        for text in ("≤≤≤≤ ±", "plain"):
+            table.add_row(text, "x")
+        Terminal(width=80).print(table)
+    stream.flush()
+    lines = stream.buffer.getvalue().decode("ascii").splitlines()
+    assert "<=<=<=<= +/-" in lines[3]
+    assert len({len(line) for line in lines}) == 1
+
+
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
 def test_a_command_in_another_encoding(tmp_path, encoding):
     words = ("evaluate", "--filter", "none", "--human", "none", "--episodes", "1", "--seconds", "0.2", "--out", "é")
@@ -303,22 +317,23 @@ def test_a_command_in_another_encoding(tmp_path, encoding):
     assert json.loads((tmp_path / "é" / "summary.json").read_text(encoding="utf-8"))
 
 
+def version_to(stream):
+    """Exit code and standard error of a command that prints to a stream, through a buffer as always."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    words = [sys.executable, "-m", "jssa_gym", "--version"]
+    run = subprocess.run(words, stdout=stream, stderr=subprocess.PIPE, text=True, env=environment, check=False)
+    return run.returncode, run.stderr
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")
 def test_an_output_that_is_full_is_one_line():
     with Path("/dev/full").open("w") as full:
-        run = subprocess.run(
-            [sys.executable, "-m", "jssa_gym", "--version"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
-        )
-    assert run.returncode == 2
-    assert run.stderr == "jssa-gym: No space left on device\n"
+        assert version_to(full) == (2, "jssa-gym: No space left on device\n")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of another kind")
 def test_a_reader_who_leaves_is_told_nothing():
     reader, writer = os.pipe()
     os.close(reader)
-    run = subprocess.run(
-        [sys.executable, "-m", "jssa_gym", "--version"], stdout=writer, stderr=subprocess.PIPE, text=True, check=False
-    )
+    assert version_to(writer) == (1, "")
     os.close(writer)
-    assert (run.returncode, run.stderr) == (1, "")

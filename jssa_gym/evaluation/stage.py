@@ -185,5 +185,6 @@ def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pi
         seed, steps = int(meta["seed"]), int(meta["steps"])
     except (KeyError, TypeError, ValueError) as error:
         raise ParameterError(f"the recording does not say how it came about: {error} is missing or wrong") from error
-    plan = Study(*((name,) for name in setting), steps=steps, trust_pickle=trust_pickle)
+    tasks, filters, humans, policies = ((name,) for name in setting)
+    plan = Study(tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle)
     return Stage(plan, setting).record(seed)
