@@ -26,7 +26,7 @@ from jssa_gym.evaluation.ledger import trace_name
 from jssa_gym.evaluation.plans import Single, Study
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.stage import Stage
-from jssa_gym.exceptions import JSSAGymError, ParameterError, PolicyFileError
+from jssa_gym.exceptions import JSSAGymError, ParameterError, PolicyFileError, StorageError
 from jssa_gym.policies import LearnedPolicy, Network, policy_file, read_policy, save_policy, shipped_policies
 
 N = 6
@@ -363,7 +363,7 @@ class TestFiles:
                 read_policy(missing)
         with pytest.raises(PolicyFileError, match="less provenance"):
             save_policy(tmp_path / "p.npz", dataclasses.replace(policy, provenance={"x": "x" * 2**20}))
-        with pytest.raises(FileNotFoundError):
+        with pytest.raises(StorageError, match="p.npz: No such file"):
             save_policy(tmp_path / "no" / "p.npz", policy)
         (tmp_path / "large.npz").write_bytes(bytes(64 * 2**20 + 1))
         with pytest.raises(PolicyFileError, match="more than 67108864 bytes"):

@@ -7,6 +7,7 @@ import logging
 import os
 import subprocess
 import sys
+import threading
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -43,6 +44,11 @@ def command(monkeypatch, capsys, *arguments):
         code = ended.code
     out, err = capsys.readouterr()
     return code, out, err
+
+
+def fails(error):
+    """In a thread of its own."""
+    raise error
 
 
 def obedient(text):
@@ -93,6 +99,7 @@ def test_every_print_of_the_commands_goes_through_it():
     assert found == ["progress.py:3 Console"]  # of a type
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_errors_warnings_and_log_lines_are_shown(capsys):
     terminal.complain(ParameterError(HOSTILE))
     assert capsys.readouterr().err == f"jssa-gym: {SEEN}\n"
@@ -104,6 +111,14 @@ def test_errors_warnings_and_log_lines_are_shown(capsys):
         assert obedient(text) == set()
         record = logging.LogRecord("jssa_gym", logging.WARNING, "x.py", 1, "the filter failed: %s", (HOSTILE,), None)
         assert obedient(logging.lastResort.format(record)) == set()
+        thread = threading.Thread(target=fails, args=(OSError(28, "No space left on device"),))
+        thread.start()
+        thread.join()
+        assert capsys.readouterr().err == ""
+        thread = threading.Thread(target=fails, args=(ValueError("of a thread"),))
+        thread.start()
+        thread.join()
+        assert "ValueError: of a thread" in capsys.readouterr().err
     assert warnings.formatwarning is before
     assert logging.lastResort.formatter is None
 

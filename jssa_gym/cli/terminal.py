@@ -6,6 +6,7 @@ import io
 import logging
 import os
 import sys
+import threading
 import unicodedata
 import warnings
 from collections.abc import Generator
@@ -101,24 +102,29 @@ class _Shown(logging.Formatter):
 
 @contextlib.contextmanager
 def prepared() -> Generator[None]:
-    """Streams that can write everything somehow; warnings and log lines in which all is seen."""
+    """Streams that can write everything somehow; warnings and log lines in which all is seen; errors told once."""
     codecs.register_error(_ALIKE, alike)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=_ALIKE)
     formatwarning, last = warnings.formatwarning, logging.lastResort
-    formatter = last.formatter if last is not None else None
+    formatter, of_thread = last.formatter if last is not None else None, threading.excepthook
 
     def shown(*arguments: Any, **options: Any) -> str:
         return printable(formatwarning(*arguments, **options), keep=_MARKS)
 
+    def without_twice(error: threading.ExceptHookArgs) -> None:
+        if not isinstance(error.exc_value, OSError):  # whoever waits for the thread raises it again
+            of_thread(error)
+
+    threading.excepthook = without_twice
     warnings.formatwarning = shown  # ty: ignore[invalid-assignment]
     if last is not None:
         last.setFormatter(_Shown())
     try:
         yield
     finally:
-        warnings.formatwarning = formatwarning
+        warnings.formatwarning, threading.excepthook = formatwarning, of_thread
         if last is not None:
             last.setFormatter(formatter)
 
