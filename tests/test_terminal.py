@@ -99,7 +99,6 @@ def test_every_print_of_the_commands_goes_through_it():
     assert found == ["progress.py:3 Console"]  # of a type
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_errors_warnings_and_log_lines_are_shown(capsys):
     terminal.complain(ParameterError(HOSTILE))
     assert capsys.readouterr().err == f"jssa-gym: {SEEN}\n"
@@ -111,16 +110,21 @@ def test_errors_warnings_and_log_lines_are_shown(capsys):
         assert obedient(text) == set()
         record = logging.LogRecord("jssa_gym", logging.WARNING, "x.py", 1, "the filter failed: %s", (HOSTILE,), None)
         assert obedient(logging.lastResort.format(record)) == set()
-        thread = threading.Thread(target=fails, args=(OSError(28, "No space left on device"),))
-        thread.start()
-        thread.join()
-        assert capsys.readouterr().err == ""
-        thread = threading.Thread(target=fails, args=(ValueError("of a thread"),))
-        thread.start()
-        thread.join()
-        assert "ValueError: of a thread" in capsys.readouterr().err
     assert warnings.formatwarning is before
     assert logging.lastResort.formatter is None
+
+
+def test_what_whoever_waits_for_a_thread_raises_is_told_once(monkeypatch):
+    told = []
+    monkeypatch.setattr(threading, "excepthook", lambda error: told.append(error.exc_type))
+    before = threading.excepthook
+    with prepared():
+        for error in (OSError(28, "No space left on device"), ValueError("of a thread")):
+            thread = threading.Thread(target=fails, args=(error,))
+            thread.start()
+            thread.join()
+    assert told == [ValueError]
+    assert threading.excepthook is before
 
 
 # ---- every command -----------------------------------------------------------------------------------
