@@ -17,7 +17,7 @@ from jssa_gym.cli.evaluate import Evaluate, Separation
 from jssa_gym.cli.replay import Replay
 from jssa_gym.evaluation import load_trace, read_meta, save_trace
 from jssa_gym.evaluation.identity import code_version
-from jssa_gym.evaluation.stage import played_again
+from jssa_gym.evaluation.stage import played_again, recorded_setting
 from jssa_gym.exceptions import MissingExtraError, ParameterError
 
 
@@ -117,6 +117,9 @@ def test_no_file_that_a_recording_names_is_opened(folder, tmp_path, monkeypatch,
     save_trace(trace, tmp_path / "named.npz", meta | {what: str(toy_mjcf)})
     with pytest.raises(ParameterError, match="unknown human" if what == "human" else "give its file as --robot"):
         Replay(tmp_path / "named.npz", figure=False, video=False, again=True).run()
+    if what == "human":  # before anything is made of it
+        with pytest.raises(ParameterError, match="unknown human"):
+            recorded_setting(read_meta(tmp_path / "named.npz"))
 
 
 def test_a_policy_whose_actions_are_not_finite_is_told(tmp_path, monkeypatch, capsys):
