@@ -9,6 +9,7 @@ from pathlib import Path
 
 from jssa_gym.evaluation.adversary import search
 from jssa_gym.evaluation.statistics import Rate
+from jssa_gym.storage import write_whole
 
 
 def main() -> None:
@@ -46,9 +47,7 @@ def main() -> None:
                     flush=True,
                 )
                 if options.out:
-                    unfinished = options.out.with_suffix(".part")
-                    unfinished.write_text(json.dumps(rows, indent=1))
-                    unfinished.replace(options.out)
+                    write_whole(options.out, json.dumps(rows, indent=1))
 
 
 if __name__ == "__main__":

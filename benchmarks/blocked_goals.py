@@ -39,6 +39,7 @@ from jssa_gym.kernels.capsules import capsule_pair, measure_agents
 from jssa_gym.kernels.records import PAIR, SEGMENT, records
 from jssa_gym.safety.postures import tool_point
 from jssa_gym.safety.proximity import agent_records
+from jssa_gym.storage import write_whole
 from jssa_gym.validation import number_within, positive_integer, whole_number
 
 
@@ -189,9 +190,7 @@ def main() -> None:
     if arguments.json:
         told = {"task": arguments.task, "human": arguments.human, "episodes": episodes, "seed": seed}
         told |= {"seconds": seconds, "not_before": not_before, "clearances": tables}
-        unfinished = arguments.json.with_suffix(".part")
-        unfinished.write_text(json.dumps(told, indent=1) + "\n")
-        unfinished.replace(arguments.json)
+        write_whole(arguments.json, json.dumps(told, indent=1) + "\n")
 
 
 if __name__ == "__main__":

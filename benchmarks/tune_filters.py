@@ -13,6 +13,7 @@ Differences of two or three episodes are noise; the choice is a procedure, not a
 
 import argparse
 import csv
+import io
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,6 +27,7 @@ from jssa_gym.evaluation import rollout
 from jssa_gym.humans import ApproachRetreat, Walk, WalkBy
 from jssa_gym.policies import HoldPolicy, WanderPolicy
 from jssa_gym.shields import CBFParams, PFMParams, SMAParams, SSAParams, SSMParams, SSSParams
+from jssa_gym.storage import write_whole
 
 TUNING = 50_000
 """Seeds from here on are for tuning; tests and evaluations begin at 0."""
@@ -142,12 +144,11 @@ def main() -> None:
             row["chosen"] = row is chosen
         print(f"-> {name}: {chosen['params']}", flush=True)
         rows += found
-    temporary = args.out.with_suffix(".part")
-    with temporary.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-    temporary.replace(args.out)
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, list(rows[0]))
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(args.out, text.getvalue())
 
 
 if __name__ == "__main__":

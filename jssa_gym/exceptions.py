@@ -25,6 +25,10 @@ class PolicyFileError(JSSAGymError, ValueError):
     """A file is not a complete, unchanged policy, or holds something that a policy has no use for."""
 
 
+class StorageError(JSSAGymError, OSError):
+    """A file cannot be written: the disk is full, or nobody may; what was there before is unchanged."""
+
+
 class InterfaceError(JSSAGymError, TypeError):
     """An environment does not offer what a shield needs: ``robot``, ``dt`` and ``scene``."""
 

@@ -7,6 +7,8 @@ import sys
 import weakref
 from typing import Any
 
+_missing = ""
+
 _open: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
@@ -18,14 +20,33 @@ def has_display() -> bool:
 
 
 def choose_gl_backend() -> None:
-    """Ask for EGL on a Linux machine without a display, unless the user has chosen or EGL is missing.
+    """Import ``mujoco`` with EGL on a Linux machine without a display, unless the user has chosen or EGL is missing.
 
-    Call it before ``import mujoco``. Without any backend everything but drawing still works.
+    Call it before ``import mujoco``. Without any backend everything but drawing still works: MuJoCo, which refuses to
+    be imported where ``MUJOCO_GL`` names one that is not there, is then imported without.
     """
-    if "MUJOCO_GL" in os.environ or "mujoco" in sys.modules or has_display():
+    global _missing
+    if "mujoco" in sys.modules:
         return
-    if ctypes.util.find_library("EGL"):
-        os.environ["MUJOCO_GL"] = "egl"
+    chosen = os.environ.get("MUJOCO_GL", "")
+    if not (chosen.strip() or has_display()) and ctypes.util.find_library("EGL"):
+        os.environ["MUJOCO_GL"] = chosen = "egl"
+    try:
+        import mujoco
+    except Exception as error:  # every backend has errors of its own
+        if not chosen.strip():
+            raise
+        _missing = str(error) or type(error).__name__
+        os.environ["MUJOCO_GL"] = "disable"
+        try:
+            import mujoco  # noqa: F401
+        finally:
+            os.environ["MUJOCO_GL"] = chosen
+
+
+def without_opengl() -> str:
+    """Why MuJoCo was imported without OpenGL; empty if it was not."""
+    return _missing
 
 
 def close_at_exit(renderer: Any) -> None:

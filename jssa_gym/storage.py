@@ -1,26 +1,164 @@
-"""Files that are complete or not there."""
+"""Files that are complete or not there, and files that are what they seem to be."""
 
+import contextlib
+import hashlib
 import os
+import secrets
+from collections.abc import Generator
 from pathlib import Path
+from typing import IO
+
+from jssa_gym.exceptions import JSSAGymError, StorageError
+
+LARGEST = 2**30
+"""Size from which no file is read [bytes]."""
+
+_NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+"""Nobody's file and nobody's link, whoever else may write to the folder."""
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under another name, flush it to the disk and rename it.
+@contextlib.contextmanager
+def whole_file(path: Path) -> Generator[IO[bytes]]:
+    """A new file to write to, under a name that nobody guesses; at the end it is flushed to the disk and renamed.
+
+    Args:
+        path: Name that it gets; what has it is replaced. If anything is raised, that is unchanged.
+
+    Raises:
+        StorageError: It cannot be written.
+    """
+    unfinished = path.with_name(f".{secrets.token_hex(8)}.part")
+    with _told(path):
+        handle = os.open(unfinished, _NEW, 0o666)  # less what the umask takes away
+    try:
+        with _told(path), os.fdopen(handle, "w+b") as file:
+            yield file
+            file.flush()
+            # the name must not reach the disk before the content
+            os.fsync(file.fileno())
+        with _told(path):
+            unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: bytes | str) -> None:
+    """Write a file that is complete or not there; text as UTF-8.
 
     Args:
         path: Of the file; it is replaced.
         content: All of it.
 
     Raises:
-        OSError: It cannot be written; what was there is unchanged.
+        StorageError: It cannot be written; what was there is unchanged.
     """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with unfinished.open("wb") as file:
-            file.write(content)
-            file.flush()
-            # the name must not reach the disk before the content
+    with whole_file(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+
+
+def append_whole(path: Path, content: bytes, after: int | None = None) -> int | None:
+    """Add to a file and flush it to the disk, all or nothing; other writers of this package are kept out meanwhile.
+
+    Args:
+        path: Of the file; it is made if there is none.
+        content: What to add.
+        after: Bytes that it has to have before; None for any.
+
+    Returns:
+        How many bytes it has now; None if nothing was added, because it had others than ``after``.
+
+    Raises:
+        StorageError: It cannot be written.
+    """
+    with _told(path), path.open("ab", buffering=0) as file:  # a buffer would try again while it is closed
+        _lock(file)
+        before = os.fstat(file.fileno()).st_size
+        if after not in (None, before):
+            return None
+        try:
+            left = memoryview(content)
+            while left:
+                left = left[file.write(left) :]
             os.fsync(file.fileno())
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+        except BaseException:
+            file.truncate(before)
+            raise
+        return before + len(content)
+
+
+def _lock(file: IO[bytes]) -> None:
+    """Keep other writers out until the file is closed."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: a second writer is seen by what it leaves
+        return
+    fcntl.flock(file, fcntl.LOCK_EX)
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Generator[None]:
+    try:
+        yield
+    except StorageError:
+        raise
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def read_whole(path: Path, failure: type[JSSAGymError], largest: int = LARGEST) -> bytes:
+    """All bytes of a file, which is no folder and no device, and not too large.
+
+    Args:
+        path: Of the file.
+        failure: What to raise.
+        largest: Size from which it is not read [bytes].
+
+    Raises:
+        JSSAGymError: ``failure``: it cannot be read; the message names the file.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise failure(f"cannot read {path}: it is no file")
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > largest:
+                raise failure(f"cannot read {path}: it has {size:,} bytes, more than {largest:,}")
+            return file.read(size)
+    except failure:
+        raise
+    except (OSError, ValueError) as error:  # the latter of names that no file can have
+        raise failure(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def read_text(path: Path, failure: type[JSSAGymError], largest: int = LARGEST) -> str:
+    """All text of a file in UTF-8, with or without a byte order mark; ends of lines become ``\\n``.
+
+    Args:
+        path: Of the file.
+        failure: What to raise.
+        largest: Size from which it is not read [bytes].
+
+    Raises:
+        JSSAGymError: ``failure``: it cannot be read, or is something else; the message names the file and the line.
+    """
+    content = read_whole(path, failure, largest)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        byte = content[error.start]
+        raise failure(
+            f"{path} is no text in UTF-8: byte 0x{byte:02x} in line {line}; save it in UTF-8 (it may be in Latin-1, "
+            "cp1252 or UTF-16)"
+        ) from error
+    if (at := text.find("\0")) >= 0:
+        raise failure(f"{path} is no text: a NUL in line {text.count(chr(10), 0, at) + 1}")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def file_name(name: str) -> str:
+    """A name as a part of a file's: letters, digits and ``-_.+``; a digest tells apart what that makes alike."""
+    plain = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in name)
+    if plain != name or len(plain) > 100:  # paths can be long
+        plain = f"{plain[:80]}-{hashlib.sha256(name.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"
+    return plain

@@ -208,6 +208,7 @@ DISK = {
     "policy": (loop, "save_policy"),
     "history": (loop, "write_history"),
     "flush": (checkpoint, "_to_disk"),
+    "log": (loop, "_log"),
 }
 
 

@@ -17,6 +17,7 @@ from jssa_gym.cli.evaluate import Evaluate, Separation
 from jssa_gym.cli.replay import Replay
 from jssa_gym.evaluation import load_trace, read_meta, save_trace
 from jssa_gym.evaluation.identity import code_version
+from jssa_gym.evaluation.stage import played_again, recorded_setting
 from jssa_gym.exceptions import MissingExtraError, ParameterError
 
 
@@ -73,8 +74,52 @@ def test_a_policy_of_the_working_directory_is_found(tmp_path, monkeypatch, capsy
     command.run()
     told = json.loads(capsys.readouterr().out)
     assert told["means"]["path_length"]["value"] == 0.0
-    Replay(tmp_path / told["traces"][0], figure=False, video=False, again=True).run()
+    trace = tmp_path / told["traces"][0]
+    Replay(trace, figure=False, video=False, again=True, policy="my_policies:still").run()
     assert "the same bit for bit" in capsys.readouterr().out
+
+
+def test_what_only_a_recording_names_is_not_run(folder, tmp_path, monkeypatch, capsys):
+    """Code that lies beside a recording, which its author may have put there, runs if it is repeated and only then."""
+    path = next((folder / "traces").iterdir())
+    ran = tmp_path / "ran"
+    (tmp_path / "beside.py").write_text(
+        f"open({str(ran)!r}, 'w').close()\ndef still(env, seed):\n    return lambda observation: [0.0] * 6\n"
+    )
+    for name in ("beside:still", "./beside.npz", "//somewhere/else.zip"):
+        save_trace(load_trace(path), tmp_path / "named.npz", read_meta(path) | {"policy": name})
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr("sys.path", list(sys.path))
+        again = Replay(Path("named.npz"), figure=False, video=False, verify=True, again=True)
+        for command in (again, replace(again, trust_pickle=True)):
+            with pytest.raises(ParameterError, match=f"asks for the policy '{name}'.*: --policy {name}"):
+                command.run()
+        assert capsys.readouterr().out == ""
+        with pytest.raises(ParameterError, match=f"--policy {name}"):
+            played_again(read_meta("named.npz"))
+    # what the command line says counts, whatever the recording says
+    Replay(Path("named.npz"), figure=False, video=False, again=True, policy="jpc").run()
+    assert "the same bit for bit" in capsys.readouterr().out
+    Evaluate(policy="hold", filter="none", human="none", episodes=1, seconds=0.2, out=tmp_path / "out").run()
+    assert not ran.exists()
+    assert str(tmp_path) not in sys.path
+    with pytest.raises(SystemExit):  # it is another policy than the one that was recorded
+        Replay(Path("named.npz"), figure=False, video=False, again=True, policy="beside:still").run()
+    assert ran.exists()
+
+
+@pytest.mark.parametrize("what", ["human", "robot"])
+def test_no_file_that_a_recording_names_is_opened(folder, tmp_path, monkeypatch, what, toy_mjcf):
+    path = next((folder / "traces").iterdir())
+    trace, meta = load_trace(path), read_meta(path)
+    if what == "robot":
+        trace = replace(trace, robot=str(toy_mjcf))
+    save_trace(trace, tmp_path / "named.npz", meta | {what: str(toy_mjcf)})
+    with pytest.raises(ParameterError, match="unknown human" if what == "human" else "give its file as --robot"):
+        Replay(tmp_path / "named.npz", figure=False, video=False, again=True).run()
+    if what == "human":  # before anything is made of it
+        with pytest.raises(ParameterError, match="unknown human"):
+            recorded_setting(read_meta(tmp_path / "named.npz"))
 
 
 def test_a_policy_whose_actions_are_not_finite_is_told(tmp_path, monkeypatch, capsys):

@@ -667,6 +667,16 @@ def test_monitor_a_lag_that_the_clock_shows_is_over_when_the_clock_has_caught_up
         assert not reasons[-1]
 
 
+def test_monitor_noise_in_the_first_reading_is_not_reckoned_with(robot):
+    noise = np.full((3, 6), 1e-3)
+    monitor = JointMonitor(limits_of(robot), DT, noise)
+    monitor.reset(JointState(robot.home + 9e-4, np.full(6, 9e-4), np.full(6, -9e-4)))
+    np.testing.assert_array_equal(monitor.expected, [robot.home + 9e-4, np.zeros(6), np.zeros(6)])
+    # what is more than noise is motion
+    monitor.reset(JointState(robot.home, np.full(6, 0.1), np.zeros(6)))
+    np.testing.assert_array_equal(monitor.expected, [robot.home, np.full(6, 0.1), np.zeros(6)])
+
+
 def test_monitor_never_raises(robot):
     rng = np.random.default_rng(0)
     junk = [None, 3, "x", np.nan, np.inf, -1e308, 1e308, [], {}, object()]

@@ -13,7 +13,7 @@ PACKAGE = Path(jssa_gym.__file__).parent
 
 LAYERS = (
     ("kernels", "exceptions", "headless"),
-    ("types", "validation", "rates", "storage"),
+    ("types", "validation", "rates", "storage", "text"),
     ("robots", "humans"),
     ("safety",),
     ("shields", "envs", "control"),
@@ -34,7 +34,10 @@ HEAVY = {
     "osqp": ("safety.projectors",),
     "matplotlib": ("plots",),
     "av": ("plots",),
-    "mujoco": ("robots.coverage", "robots.model", "robots.serial", "envs.world", "evaluation.oracle"),
+    "mujoco": (
+        *("headless", "robots.coverage", "robots.model", "robots.serial"),
+        *("envs.opengl", "envs.world", "evaluation.oracle"),
+    ),
 }
 """Where a heavy library may be imported at all, and there only inside functions."""
 

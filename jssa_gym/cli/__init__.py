@@ -1,10 +1,14 @@
 """The command line ``jssa-gym``."""
 
+import functools
 import sys
+from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
 
+from jssa_gym.cli import terminal
+from jssa_gym.cli.arguments import given_once, parsed
 from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.compare import Compare
@@ -32,12 +36,29 @@ Command = Annotated[
 
 
 def main() -> None:
-    """Run a command; a bad input ends in one line and exit code 2."""
-    if sys.argv[1:] == ["--version"]:
-        print(f"jssa-gym {package_version()}")
-        return
-    try:
-        tyro.cli(Command, prog="jssa-gym", description="A robot arm beside people, and shields around it.").run()
-    except JSSAGymError as error:
-        print(f"jssa-gym: {error}", file=sys.stderr)
-        raise SystemExit(2) from error
+    """Run a command; a bad input, or a disk that is full, ends in one line and exit code 2."""
+    arguments = sys.argv[1:]
+    with terminal.prepared():
+        try:
+            try:
+                if arguments == ["--version"]:
+                    print(f"jssa-gym {package_version()}")
+                else:
+                    _parse(arguments).run()
+            finally:
+                sys.stdout.flush()  # at the interpreter's end nobody could be told that it was in vain
+        except BrokenPipeError:  # nobody reads any more
+            terminal.abandon_output()
+            raise SystemExit(1) from None
+        except (JSSAGymError, OSError) as error:
+            terminal.complain(error)
+            terminal.abandon_output()
+            raise SystemExit(2) from error
+
+
+def _parse(arguments: Sequence[str]) -> Command:
+    given_once(arguments)
+    parse = functools.partial(
+        tyro.cli, Command, prog="jssa-gym", description="A robot arm beside people, and shields around it."
+    )
+    return parsed(lambda words: parse(args=words), arguments)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from jssa_gym.cli.demo import paper_scene
+from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import benchmark
 from jssa_gym.evaluation.benchmark import Timing
 from jssa_gym.exceptions import ParameterError
@@ -34,7 +34,7 @@ class Bench:
             raise ParameterError(f"rounds has to be at least 1, got {self.rounds}")
         timings: list[Timing] = []
         first: tuple[float, float] | None = None
-        with Progress(console=Console(stderr=True), transient=True) as progress:
+        with Progress(console=Terminal(stderr=True), transient=True) as progress:
             task = progress.add_task("recording an episode", total=7)
 
             def done(next_task: str) -> None:
@@ -63,7 +63,7 @@ class Bench:
             peer = benchmark.cbfpy_report()
             done("")
         if missing := benchmark.cbfpy_missing():
-            Console(stderr=True).print(f"no times of CBFpy: {missing}", markup=False, highlight=False, soft_wrap=True)
+            Terminal(stderr=True).say(f"no times of CBFpy: {missing}")
         if self.json:
             result: dict[str, Any] = {"timings": [dataclasses.asdict(t) for t in timings], "cbfpy": peer}
             if first:
@@ -75,12 +75,13 @@ class Bench:
             column.justify = "right"
         for t in timings:
             table.add_row(t.name, f"{t.median * 1e6:.1f}", f"{t.p99 * 1e6:.1f}", f"{1.0 / t.median:,.0f}")
-        console = Console()
+        console = Terminal()
         console.print(table)
         if peer:
-            console.print(f"CBFpy on the same arm and pairs:\n{peer}", highlight=False)
+            for line in ("CBFpy on the same arm and pairs:", *peer.splitlines()):
+                console.say(line)
         if first:
-            console.print(
+            console.say(
                 f"a shielded environment and 100 steps in a new process: {first[0]:.1f} s compiling, "
                 f"{first[1]:.2f} s cached"
             )

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import judge
 from jssa_gym.evaluation.counterexample import load_counterexample, play_on, save_counterexample
 from jssa_gym.robots import make_robot
@@ -21,6 +21,7 @@ from jssa_gym.safety.census import Part
 from jssa_gym.safety.certify import Certificate, certify
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.lambda_map import LambdaMap, sweep
+from jssa_gym.storage import file_name
 from jssa_gym.validation import positive_integer
 
 _DEFAULT, _INDEX = Domain(), IndexParams()
@@ -110,7 +111,7 @@ class Certify:
 
     def _certify(self, domain: Domain) -> None:
         index = IndexParams(d_min=self.d_min, lambda1=self.lambda1, lambda2=self.lambda2)
-        robot, console = make_robot(self.robot), Console(stderr=True)
+        robot, console = make_robot(self.robot), Terminal(stderr=True)
         try:
             with _progress(console, "states") as progress:
                 task = progress.add_task("states", total=None)
@@ -127,12 +128,12 @@ class Certify:
                     progress=lambda count: progress.advance(task, count),
                 )
         except KeyboardInterrupt:
-            console.print(f"stopped; the same command goes on from the counts in {self.out}")
+            console.say(f"stopped; the same command goes on from the counts in {self.out}")
             raise SystemExit(130) from None
         written = [self.out / "certificate.json"]
         write_json(written[0], found.plain())
         for link in found.links:
-            path = self.out / f"counterexample-{link.capsule}.npz"
+            path = self.out / f"counterexample-{file_name(link.capsule)}.npz"
             path.unlink(missing_ok=True)
             if not link.worst.ahead <= KEPT:
                 save_counterexample(path, robot, index, link.worst, dt=found.dt, viable=domain.viable)
@@ -141,13 +142,13 @@ class Certify:
             print(json.dumps(found.plain(), indent=2))
         else:
             _show(found, self.search)
-        console.print(f"wrote {', '.join(map(str, written))}", highlight=False, soft_wrap=True)
+        console.say(f"wrote {', '.join(map(str, written))}")
         if not found.holds:
             raise SystemExit(1)
 
     def _sweep(self, domain: Domain) -> None:
         plots.require()
-        robot, console = make_robot(self.robot), Console(stderr=True)
+        robot, console = make_robot(self.robot), Terminal(stderr=True)
         writable_folder(self.out)
         with _progress(console, "pairs") as progress:
             task, total = progress.add_task("pairs", total=0), 0
@@ -178,7 +179,7 @@ class Certify:
             print(json.dumps(swept.plain(), indent=2))
         else:
             _show_map(swept)
-        console.print(f"wrote {self.out / 'map.json'}, {self.out / 'map.png'}", highlight=False, soft_wrap=True)
+        console.say(f"wrote {self.out / 'map.json'}, {self.out / 'map.png'}")
 
     def _replay(self, path: Path) -> None:
         recorded, index, found, viable = load_counterexample(path)
@@ -196,9 +197,9 @@ class Certify:
             for k in range(0, len(again.time), 1 if len(again.time) < 12 else 3):
                 row = (f"{again.time[k]:.3f} s", f"{again.phi[k]:+.3g} m²", f"{again.distance[k]:.3f} m")
                 table.add_row(*row, str(again.reason[k]))
-            console = Console()
+            console = Terminal()
             console.print(table)
-            console.print(
+            console.say(
                 f"the recording is {'the same' if same else 'ANOTHER'}; MuJoCo's distances "
                 f"{'agree' if verdict.agrees else 'DISAGREE'}"
             )
@@ -207,7 +208,7 @@ class Certify:
 
 
 @contextmanager
-def _progress(console: Console, unit: str) -> Generator[Progress]:
+def _progress(console: Terminal, unit: str) -> Generator[Progress]:
     columns: tuple[Any, ...] = (TextColumn(unit), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
         yield progress
@@ -224,9 +225,7 @@ def _words(part: Part | None) -> str:
 
 
 def _show(found: Certificate, searched: bool) -> None:
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=150)
+    console = Terminal(width=150)
     index = found.index
     table = Table(
         title=f"states with φ = 0 that no jerk keeps: λ = ({index.lambda1:g}, {index.lambda2:g}), {index.d_min:g} m",
@@ -254,23 +253,20 @@ def _show(found: Certificate, searched: bool) -> None:
         kept.add_row(*row[: len(kept.columns)])
     console.print(kept)
     edge = ", ".join(f"{speed:.2f} m/s at {D:g} m" for D, speed in found.fastest_approach.items())
-    console.print(f"the index alone ends approaches up to: {edge}", highlight=False)
+    console.say(f"the index alone ends approaches up to: {edge}")
     if (inside := found.inside) is not None:
         said = "the set does not hold" if inside.k else "none that was drawn leaves it"
-        console.print(
-            f"of the states inside the set 𝒞 of such approaches {inside} are infeasible: {said}", highlight=False
-        )
-    console.print(
+        console.say(f"of the states inside the set 𝒞 of such approaches {inside} are infeasible: {said}")
+    console.say(
         f"the sufficient condition asks for a jerk of {found.needed_jerk:.3g} m/s³: "
-        f"{'holds' if found.suffices else 'does not hold'} on the domain",
-        highlight=False,
+        f"{'holds' if found.suffices else 'does not hold'} on the domain"
     )
     verdict = "no counter-example was found" if found.holds else "counter-examples were found: the certificate FAILS"
-    console.print(f"on the domain {verdict}", highlight=False)
+    console.say(f"on the domain {verdict}")
 
 
 def _show_map(swept: LambdaMap) -> None:
-    console = Console()
+    console = Terminal()
     table = Table("λ₁", "λ₂", "lost: worst capsule", "infeasible: worst capsule", "first slowed down at")
     for cell in sorted(swept.allowed, key=lambda cell: cell.cost)[:8]:
         table.add_row(
@@ -282,9 +278,8 @@ def _show_map(swept: LambdaMap) -> None:
         )
     console.print(table)
     best = swept.best
-    console.print(
+    console.say(
         f"of the pairs that slow nobody down beyond {swept.trigger:g} m, λ = ({best.lambda1:.3g}, {best.lambda2:.3g}) "
         "loses the fewest boundary states of the worst capsule (no jerk keeps the index, or the index alone ends the "
-        "approach too late); how often it intervenes is not weighed",
-        highlight=False,
+        "approach too late); how often it intervenes is not weighed"
     )

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 from rich.table import Table
 
 from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
+from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.html import write_page
 from jssa_gym.evaluation.leaderboard import Standing, standings
@@ -52,7 +52,7 @@ class Compare:
 
     def run(self) -> None:
         """Play, write the page, print."""
-        find_policies_here()
+        find_policies_here(self.policies)
         study = Study(
             tuple(dict.fromkeys(self.tasks)),
             tuple(dict.fromkeys(self.filters)),
@@ -72,10 +72,10 @@ class Compare:
             print(json.dumps([_plain(one) for one in ranked], indent=2, allow_nan=False))
         else:
             _show(ranked)
-        console = Console(stderr=True)
+        console = Terminal(stderr=True)
         for report in reports:
             warn(report, console)
-        console.print(f"wrote {self.out / 'report.html'}")
+        console.say(f"wrote {self.out / 'report.html'}")
 
     def _command(self) -> str:
         """What makes the same page again."""
@@ -99,9 +99,7 @@ def _plain(one: Standing) -> dict[str, object]:
 
 
 def _show(ranked: list[Standing]) -> None:
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=140)
+    console = Terminal(width=140)
     table = Table(title="over all tasks, people and policies, 95 % intervals")
     for title in ("filter", "success and safe", "success", "collision", "moving contact", "fastest contact", "changed"):
         table.add_column(title, justify="left" if title == "filter" else "right")

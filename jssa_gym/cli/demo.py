@@ -10,13 +10,13 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
-from jssa_gym.cli.film import EVERY, film, pictures
+from jssa_gym.cli.film import EVERY, film, pictures, require_film
+from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation import Summary, make_policy, rollout, summarise
@@ -58,10 +58,10 @@ class Demo:
         """Run, print, write."""
         if not 0.1 <= self.seconds <= 60.0:
             raise ParameterError(f"seconds has to be between 0.1 and 60, got {self.seconds}")
-        plots.require(film=self.video)
+        require_film() if self.video else plots.require()
         make, drive = self._scene(round(self.seconds / DT))
         writable_folder(self.out)
-        console = Console(stderr=True)
+        console = Terminal(stderr=True)
         steps = round(self.seconds / DT)
         traces, summaries = [], []
         robot, d_min = None, 0.05
@@ -90,8 +90,8 @@ class Demo:
         if self.json:
             print(json.dumps([_plain(summary) for summary in summaries], indent=2))
         else:
-            Console().print(_table(summaries))
-        console.print(f"wrote {', '.join(str(self.out / name) for name in written)}")
+            Terminal().print(_table(summaries))
+        console.say(f"wrote {', '.join(str(self.out / name) for name in written)}")
 
     def _scene(self, steps: int) -> tuple[Callable[[], gym.Env], Callable[[gym.Env], Policy]]:
         """What makes the environment, and what drives the arm in it."""

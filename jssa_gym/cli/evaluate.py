@@ -3,17 +3,18 @@
 import json
 import shlex
 import sys
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 from rich.table import Table
 
 from jssa_gym.cli.files import write_json
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
 from jssa_gym.cli.progress import episodes_bar
+from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT, MOVING
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.plans import Study
@@ -35,15 +36,19 @@ def ticks(seconds: float) -> int:
     return round(seconds / DT)
 
 
-def find_policies_here() -> None:
-    """Let ``module:factory`` name a module of the working directory, as ``python -m`` does."""
-    if (here := str(Path.cwd())) not in sys.path:
+def find_policies_here(policies: Iterable[str]) -> None:
+    """Let ``module:factory`` name a module of the working directory, as ``python -m`` does.
+
+    Args:
+        policies: As they were given; without any such name nothing of the working directory is ever imported.
+    """
+    if any(":" in policy for policy in policies) and (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)
 
 
 def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
     """Play what is left of a study under a progress bar; an interrupt says how to go on."""
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     played = 0
     with episodes_bar(console) as progress:
         task = progress.add_task("episodes", total=None)
@@ -56,7 +61,7 @@ def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
         try:
             return complete(study, out, jobs=jobs, keep=keep, progress=show)
         except KeyboardInterrupt:
-            console.print(f"stopped; the same command goes on from {played} episodes in {out}")
+            console.say(f"stopped; the same command goes on from {played} episodes in {out}")
             raise SystemExit(130) from None
 
 
@@ -114,7 +119,7 @@ class Evaluate:
 
     def run(self) -> None:
         """Play, print."""
-        find_policies_here()
+        find_policies_here([self.policy])
         study = Study(
             (self.task,),
             (self.filter,),
@@ -140,22 +145,20 @@ class Evaluate:
             _show(report)
             if self.slowdown:
                 told = "no goal was reached there" if lost is None else lost
-                print(f"time to the goal over that without filter and people: {told}")
-        console = Console(stderr=True)
+                Terminal().say(f"time to the goal over that without filter and people: {told}")
+        console = Terminal(stderr=True)
         warn(report, console)
-        console.print(f"wrote episodes.csv and summary.json to {self.out}", highlight=False, soft_wrap=True)
+        console.say(f"wrote episodes.csv and summary.json to {self.out}")
 
 
-def warn(report: Report, console: Console) -> None:
+def warn(report: Report, console: Terminal) -> None:
     """Say what is wrong with the policy itself, whatever the filter made of it."""
     for warning in report.warnings:
-        console.print(f"warning: {', '.join(report.setting)}: {warning}", highlight=False, soft_wrap=True)
+        console.say(f"warning: {', '.join(report.setting)}: {warning}")
 
 
 def _show(report: Report) -> None:
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=140)
+    console = Terminal(width=140)
     table = Table(title=f"{', '.join(report.setting)}: {len(report.episodes):,} episodes, 95 % intervals")
     for title in ("metric", "rate or mean", "least", "largest", "unit"):
         table.add_column(title, justify="left" if title in ("metric", "unit") else "right")
@@ -167,6 +170,6 @@ def _show(report: Report) -> None:
     console.print(table)
     for path in report.traces:
         command = shlex.join(["jssa-gym", "replay", str(path), "--verify"])
-        console.print(f"one of the worst: {command}", highlight=False, soft_wrap=True)
+        console.say(f"one of the worst: {command}")
     if report.unlike:
-        console.print(f"went otherwise when played again: seeds {', '.join(map(str, report.unlike))}")
+        console.say(f"went otherwise when played again: seeds {', '.join(map(str, report.unlike))}")

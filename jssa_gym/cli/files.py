@@ -6,23 +6,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.storage import whole_file, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write JSON into a temporary file beside ``path`` and rename it."""
-    unfinished = path.with_suffix(path.suffix + ".part")
-    unfinished.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n")
-    unfinished.replace(path)
+    """Write JSON into a file that is complete or not there."""
+    write_whole(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
 
 
 def write_figure(path: Path, figure: "Figure") -> None:
-    """Write a picture into a temporary file beside ``path`` and rename it."""
-    unfinished = path.with_suffix(f".part{path.suffix}")
-    figure.savefig(unfinished, dpi=110)
-    unfinished.replace(path)
+    """Write a picture, of the kind that its ending says, into a file that is complete or not there."""
+    with whole_file(path) as file:
+        figure.savefig(file, dpi=110, format=path.suffix[1:])
 
 
 def writable_folder(path: Path) -> None:

@@ -6,13 +6,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym import plots
+from jssa_gym.envs.opengl import check_opengl
 from jssa_gym.envs.world import SCENES, World
+from jssa_gym.exceptions import DisplayError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import CapsuleSet, JointState, Planes, Trace
 
 EVERY = 5
 """A picture every so many control steps: 25 a second."""
+
+
+def require_film() -> None:
+    """Find out before long work whether films can be made.
+
+    Raises:
+        MissingExtraError: matplotlib or PyAV is not installed.
+        DisplayError: There is no OpenGL.
+    """
+    plots.require(film=True)
+    try:
+        check_opengl()
+    except DisplayError as error:
+        raise DisplayError(f"{error}; or give --no-video") from error
 
 
 def pictures(traces: Sequence[Trace]) -> int:

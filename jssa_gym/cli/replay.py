@@ -8,20 +8,20 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
 from rich.progress import Progress
 
 from jssa_gym import plots
 from jssa_gym.cli.evaluate import find_policies_here
-from jssa_gym.cli.files import writable_folder
-from jssa_gym.cli.film import EVERY, film, pictures
+from jssa_gym.cli.files import writable_folder, write_figure
+from jssa_gym.cli.film import EVERY, film, pictures, require_film
+from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.replay import judge
-from jssa_gym.evaluation.stage import digest_of, played_again
+from jssa_gym.evaluation.stage import digest_of, played_again, recorded_setting
 from jssa_gym.evaluation.trace import load_trace, read_meta
 from jssa_gym.evaluation.verdict import Verdict
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.robots import RobotModel, make_robot
+from jssa_gym.robots import ROBOTS, RobotModel, make_robot
 from jssa_gym.types import Trace
 
 
@@ -44,6 +44,9 @@ class Replay:
     """Judge it with MuJoCo's kinematics and distances, at 1 kHz."""
     again: bool = False
     """Play it anew from its seed and compare bit for bit."""
+    policy: str | None = None
+    """For --again: its policy, if that is a file or code, package.module:factory; nothing that a recording names is
+    read or run unless it is repeated here."""
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     robot: Path | None = None
@@ -51,72 +54,72 @@ class Replay:
 
     def run(self) -> None:
         """Read, judge, draw."""
-        if self.figure or self.video:
-            plots.require(film=self.video)
+        if self.video:
+            require_film()
+        elif self.figure:
+            plots.require()
         trace, meta = load_trace(self.episode), read_meta(self.episode)
         robot = self._robot(trace)
-        console = Console(soft_wrap=True, highlight=False)
-        console.print(f"{trace.name}: {len(trace.time)} steps of {trace.dt:g} s, {trace.ended}")
-        console.print(f"recorded from {json.dumps(meta)}")
+        if self.again:
+            recorded_setting(meta, self.policy)  # before anything is shown, or takes time
+        console = Terminal()
+        console.say(f"{trace.name}: {len(trace.time)} steps of {trace.dt:g} s, {trace.ended}")
+        console.say(f"recorded from {json.dumps(meta)}")
         agrees = True
         if self.verify:
             verdict = judge(trace, robot)
             agrees = verdict.same_course
             _tell(verdict, console)
         if self.again:
-            find_policies_here()
-            same = _same(trace, played_again(meta, trust_pickle=self.trust_pickle))
+            find_policies_here([self.policy or ""])
+            same = _same(trace, played_again(meta, policy=self.policy, trust_pickle=self.trust_pickle))
             agrees = agrees and same
-            console.print(
+            console.say(
                 f"played again: {'the same bit for bit' if same else 'DIFFERENT'} (SHA-256 {digest_of(trace)[:16]})"
             )
             if not same:
-                console.print(_made_by(meta))
+                console.say(_made_by(meta))
         if self.figure or self.video:
             self._draw(trace, robot)
         if not agrees:
             raise SystemExit(1)
 
     def _robot(self, trace: Trace) -> RobotModel:
-        try:
-            return make_robot(trace.robot if self.robot is None else self.robot).mounted(trace.mount)
-        except ParameterError as error:
-            raise ParameterError(
-                f"the robot {trace.robot!r} is not the package's own; give its file as --robot"
-            ) from error
+        if self.robot is None and trace.robot not in ROBOTS:  # nor is a file that a recording names
+            raise ParameterError(f"the robot {trace.robot!r} is not the package's own; give its file as --robot")
+        return make_robot(trace.robot if self.robot is None else self.robot).mounted(trace.mount)
 
     def _draw(self, trace: Trace, robot: RobotModel) -> None:
         out = self.episode.with_suffix("") if self.out is None else self.out
         writable_folder(out)
-        console, written = Console(stderr=True, soft_wrap=True), []
+        console, written = Terminal(stderr=True), []
         with Progress(console=console, transient=True) as progress:
             if self.figure:
                 figure = plots.profile([trace], robot.limits, trace.d_min)
-                figure.savefig(out / "profile.part.png", dpi=110)
-                (out / "profile.part.png").replace(out / "profile.png")
+                write_figure(out / "profile.png", figure)
                 written.append(out / "profile.png")
             if self.video:
                 frames = film([trace], robot, d_min=trace.d_min)
                 bar = progress.track(frames, total=pictures([trace]), description="filming")
                 plots.write_film(out / "episode.mp4", iter(bar), rate=round(1.0 / (trace.dt * EVERY)))
                 written.append(out / "episode.mp4")
-        console.print(f"wrote {', '.join(map(str, written))}")
+        console.say(f"wrote {', '.join(map(str, written))}")
 
 
-def _tell(verdict: Verdict, console: Console) -> None:
+def _tell(verdict: Verdict, console: Terminal) -> None:
     word = "agrees" if verdict.same_course else "DISAGREES"
-    console.print(
+    console.say(
         f"MuJoCo {word} at {verdict.samples} moments: smallest distance {verdict.distance:.4g} m, "
         f"{len(verdict.contacts)} contacts, {sum(contact.moving for contact in verdict.contacts)} of them with the arm "
         f"moving, {len(verdict.self_collisions)} self-collisions, {len(verdict.plane_collisions)} with table or floor"
     )
-    console.print(
+    console.say(
         f"largest disagreements: distance {verdict.distance_error:.1e} m, contact at {verdict.contact_error} steps, "
         f"joint state {verdict.state_error:.1e} of the limits; contact speed {verdict.speed_error:.1e} m/s, which "
         "counts for nothing where capsules are deep inside each other"
     )
     for contact in verdict.contacts[:10]:
-        console.print(
+        console.say(
             f"  {contact.start:.3f} s to {contact.end:.3f} s: {contact.one} and {contact.other}, {contact.depth:.3g} m "
             f"deep, arm at {contact.speed:.3g} m/s, fault: {contact.fault}"
         )

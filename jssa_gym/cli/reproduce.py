@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
+from rich.text import Text
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import claims, handover_claims, index_claims, paper, reproduction
 from jssa_gym.evaluation.claims import PAPER, Claim, Grid
 from jssa_gym.evaluation.paper import COLUMNS, Measures
@@ -127,7 +127,7 @@ class Reproduce:
         writable_folder(self.out)
         chosen = list(PARTS) if self.what == "all" else [self.what]
         results = {}
-        console = Console(stderr=True)
+        console = Terminal(stderr=True)
         with Progress(console=console, transient=True) as progress:
             task = progress.add_task("", total=sum(PARTS[name][1] for name in chosen))
             for name in chosen:
@@ -141,7 +141,7 @@ class Reproduce:
         else:
             for name, result in results.items():
                 _show(name, result)
-        console.print(f"wrote {', '.join(chosen)}, each as .png and .json, to {self.out}")
+        console.say(f"wrote {', '.join(chosen)}, each as .png and .json, to {self.out}")
 
 
 def _row(measures: Measures) -> list[float]:
@@ -160,13 +160,11 @@ def _plain(result: Result) -> dict[str, Any]:
 
 
 def _show(name: str, result: Result) -> None:
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=150)
+    console = Terminal(width=150)
     if result.measured:
         table = Table("", title=name)
         for title, unit in COLUMNS.values():
-            table.add_column(escape(f"{title} [{unit}]"), justify="right")
+            table.add_column(f"{title} [{unit}]", justify="right")
         for source, measures in result.measured.items():
             cells = ("–" if value is None else f"{value:.3f}" for value in dataclasses.astuple(measures))
             table.add_row(source, *cells, end_section=source.endswith(tuple(SHIELDS)[-1]))
@@ -178,5 +176,5 @@ def _show(name: str, result: Result) -> None:
     table.add_column("")
     for claim in result.claims:
         cells = (f"{'yes' if verdict.holds else 'no'}: {verdict.seen}" for verdict in claim.verdicts.values())
-        table.add_row(claim.text, *cells, "reproduced" if claim.reproduced else "[bold]not reproduced[/bold]")
+        table.add_row(claim.text, *cells, "reproduced" if claim.reproduced else Text("not reproduced", "bold"))
     console.print(table)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from rich.console import Console
 from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import write_figure
 from jssa_gym.cli.names import HUMAN, OPPONENTS, SHIELDS, WRONG
 from jssa_gym.cli.progress import episodes_bar
+from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import CONTENDERS
@@ -78,11 +78,11 @@ class Stress:
         if preset == "degradation":
             plots.require()
         ledger = Ledger(self.out, self._campaign(preset), Episode, package_version())
-        console = Console(stderr=True)
+        console = Terminal(stderr=True)
         try:
             self._play(ledger, jobs, console)
         except KeyboardInterrupt:
-            console.print(f"stopped; the same command goes on from {len(ledger.episodes)} episodes in {self.out}")
+            console.say(f"stopped; the same command goes on from {len(ledger.episodes)} episodes in {self.out}")
             raise SystemExit(130) from None
         episodes = ledger.ordered()
         rows = tally(episodes, self.by)
@@ -99,7 +99,7 @@ class Stress:
             written.append("degradation.png")
         if any(ledger.traces.glob("*.npz")):
             written.append("traces of the worst episodes")
-        console.print(f"wrote {', '.join(written)} to {self.out}", highlight=False, soft_wrap=True)
+        console.say(f"wrote {', '.join(written)} to {self.out}")
         if broken:
             raise SystemExit(1)
 
@@ -112,7 +112,7 @@ class Stress:
         grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
         return Campaign(grids, self.task, round(self.seconds / DT), self.seed, self.judge)
 
-    def _play(self, ledger: Ledger[Campaign, Episode], jobs: int, console: Console) -> None:
+    def _play(self, ledger: Ledger[Campaign, Episode], jobs: int, console: Terminal) -> None:
         chunks = ledger.chunks(_CHUNK)
         left, moving = sum(len(chunk.seeds) for chunk in chunks), 0
         with episodes_bar(console) as progress:
@@ -136,9 +136,7 @@ def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
 def _show(
     rows: Sequence[Tally], by: Sequence[str], broken: Sequence[Episode], ledger: Ledger[Campaign, Episode]
 ) -> None:
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=140)
+    console = Terminal(width=140)
     happened = Table(title=f"{len(ledger.episodes):,} episodes of {ledger.plan.steps * DT:g} s, 95 % intervals")
     did = Table(title="what the shields did, and what MuJoCo says")
     for table in (happened, did):
@@ -166,18 +164,16 @@ def _show(
     if "filter" in by:
         for name in dict.fromkeys(row.group[by.index("filter")] for row in rows):
             if CONTENDERS[name].without:
-                console.print(f"{name}: full without {CONTENDERS[name].without}", highlight=False)
+                console.say(f"{name}: full without {CONTENDERS[name].without}")
     for episode in sorted(broken, key=lambda e: -e.severity)[:10]:
         what = "MuJoCo disagrees" if not episode.agrees else f"{episode.judged_speed or episode.contact_speed:.3g} m/s"
         names = " ".join(
             f"--{option} '{name}'"
             for option, name in zip(("filters", "humans", "policies", "faults"), episode.cell, strict=True)
         )
-        console.print(
+        console.say(
             f"broken ({what}, {episode.violations} violations, {episode.overlaps} overlaps): jssa-gym stress {names} "
-            f"--episodes 1 --seed {episode.seed} --judge 1 --out again",
-            highlight=False,
-            soft_wrap=True,
+            f"--episodes 1 --seed {episode.seed} --judge 1 --out again"
         )
 
 

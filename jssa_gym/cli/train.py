@@ -1,19 +1,20 @@
 """``jssa-gym train``: from one command to a policy with the numbers to judge it."""
 
 import json
+import shlex
 import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_json
-from jssa_gym.cli.film import EVERY, film
+from jssa_gym.cli.film import EVERY, film, require_film
+from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.guards import TASK_SHIELD
 from jssa_gym.evaluation.rollout import rollout
@@ -94,8 +95,6 @@ class Train:
         """
         tuned = preset(self.task, self.algorithm or tuned_algorithm(self.task))
         given = {name: value for name in _AS_TUNED if (value := getattr(self, name)) is not None}
-        if sum(argument.split("=")[0] == "--set" for argument in sys.argv[1:]) > 1:
-            raise ParameterError("give --set once, with all NAME=VALUE behind it: of several only the last would count")
         changes: dict[str, str] = {}
         for change in self.set:
             name, equals, value = change.partition("=")
@@ -116,14 +115,14 @@ class Train:
         config = self.config()
         positive_integer("threads", self.threads)
         if self.video:
-            plots.require(film=True)  # better now than after hours
+            require_film()  # better now than after hours
         from jssa_gym.train import train  # torch: not for --help; says what is missing
 
         import torch  # isort: skip
 
         torch.set_num_threads(self.threads)
         writable_folder(self.out)
-        console = Console(stderr=True)
+        console = Terminal(stderr=True)
         columns: tuple[Any, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
         with Progress(
             *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True
@@ -133,12 +132,12 @@ class Train:
                 training = train(
                     config,
                     self.out,
-                    say=lambda line: console.print(line, highlight=False, soft_wrap=True),
+                    say=console.say,
                     watch=lambda steps: progress.update(bar, completed=steps),
-                    command=f"jssa-gym {' '.join(sys.argv[1:])}",
+                    command=shlex.join(["jssa-gym", *sys.argv[1:]]),
                 )
             except KeyboardInterrupt:
-                console.print(f"stopped; the same command goes on from the last checkpoint in {self.out}")
+                console.say(f"stopped; the same command goes on from the last checkpoint in {self.out}")
                 raise SystemExit(130) from None
         write_json(self.out / "training.json", {"training": config.as_dict(), "history": as_rows(training.history)})
         if self.json:
@@ -148,14 +147,16 @@ class Train:
             if not config.observe_intervention:  # whose observation only training_env makes
                 human = config.human or TASKS[config.task].human
                 guard = TASK_SHIELD if config.shield else "none"
-                print(f"\njssa-gym evaluate --task {config.task} --human {human} --filter {guard} "
-                      f"--policy {self.out / 'best.npz'} --episodes 1000")  # fmt: skip
+                words = ("--task", config.task, "--human", human, "--filter", guard)
+                words = ("jssa-gym", "evaluate", *words, "--policy", str(self.out / "best.npz"), "--episodes", "1000")
+                shown = Terminal()
+                shown.say()
+                shown.say(shlex.join(words))
         if self.video:
             self._film(training.policy, config)
 
     def _film(self, policy: LearnedPolicy, config: TrainConfig) -> None:
         """The best policy's first episode of the evaluations."""
-        plots.require(film=True)
         trace = rollout(control_env(config, ("success",)), policy, seed=EVALUATION_SEED)
         frames = film([trace], make_robot(trace.robot).mounted(trace.mount), d_min=trace.d_min)
         plots.write_film(self.out / "best.mp4", frames, rate=round(1.0 / (trace.dt * EVERY)))
@@ -178,7 +179,7 @@ def _show(history: tuple[Leg, ...]) -> None:
             f"{leg.eval_moving_contacts}",
             _told(leg.eval_time, ".1f", " s"),
         )
-    Console(width=None if Console().is_terminal else 120).print(table)
+    Terminal(width=120).print(table)
 
 
 def _told(number: float, form: str, unit: str = "") -> str:

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.envs.opengl import open_renderer
 from jssa_gym.exceptions import DisplayError, RobotModelError
-from jssa_gym.headless import choose_gl_backend, close_at_exit, has_display
+from jssa_gym.headless import choose_gl_backend, has_display
 from jssa_gym.robots import RobotModel
 from jssa_gym.robots.model import COLLISION_GROUP
 from jssa_gym.types import Array, CapsuleSet, Planes
@@ -123,18 +124,11 @@ class World:
             goal: A point to mark [m].
 
         Raises:
-            DisplayError: MuJoCo found no OpenGL backend.
+            DisplayError: There is no OpenGL, or it belongs to another thread.
         """
         mujoco = self._mujoco
         if self._renderer is None:
-            try:
-                self._renderer = mujoco.Renderer(self.model, *self._size)
-            except Exception as error:
-                raise DisplayError(
-                    "no OpenGL backend for pictures; install EGL (libegl1) and set MUJOCO_GL=egl before "
-                    f"importing mujoco ({error})"
-                ) from error
-            close_at_exit(self._renderer)
+            self._renderer = open_renderer(self.model, *self._size)
         self.pose(position)
         option = mujoco.MjvOption()
         option.geomgroup[COLLISION_GROUP] = self._show_capsules
@@ -143,7 +137,13 @@ class World:
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self.pretty
         scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
         self._draw(scene, humans, pair, goal)
-        return self._renderer.render()
+        try:
+            return self._renderer.render()
+        except Exception as error:  # every backend has errors of its own
+            raise DisplayError(
+                "OpenGL draws no more: all pictures of one environment have to be drawn in the thread that drew the "
+                f"first one ({' '.join(str(error).split())})"
+            ) from error
 
     def show(
         self,

@@ -134,7 +134,7 @@ def save_counterexample(
     """Write a boundary state, played on, as a trace that :func:`load_counterexample` and ``judge`` understand.
 
     Raises:
-        OSError: The file cannot be written.
+        StorageError: The file cannot be written.
     """
     trace = play_on(robot, index, found, dt=dt, viable=viable)
     state = {name: value for name, value in asdict(found).items() if not isinstance(value, np.ndarray)}

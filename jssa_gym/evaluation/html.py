@@ -3,9 +3,8 @@
 import os
 import shlex
 from collections.abc import Iterable, Sequence
-from html import escape
 from pathlib import Path
-from urllib.parse import quote
+from urllib.parse import quote_from_bytes
 
 import numpy as np
 
@@ -15,7 +14,8 @@ from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.stage import Scored
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
-from jssa_gym.evaluation.svg import Panel, colour, dashes, marker
+from jssa_gym.evaluation.svg import Panel, colour, dashes, escape, marker
+from jssa_gym.storage import write_whole
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -63,9 +63,7 @@ def write_page(path: Path, study: Study, reports: Sequence[Report], command: str
         reports: A report a setting.
         command: That made it.
     """
-    unfinished = path.with_suffix(".part")
-    unfinished.write_text(page(study, reports, command, path.parent), encoding="utf-8")
-    unfinished.replace(path)
+    write_whole(path, page(study, reports, command, path.parent))
 
 
 def page(study: Study, reports: Sequence[Report], command: str, folder: Path) -> str:
@@ -249,7 +247,7 @@ def _told(episode: Scored) -> list[str]:
 def _link(path: Path, folder: Path) -> str:
     place = Path(os.path.relpath(path, folder)).as_posix()
     command = escape(shlex.join(["jssa-gym", "replay", str(path), "--verify"]))
-    return f'<a href="{escape(quote(place))}">recording</a> <code>{command}</code>'
+    return f'<a href="{escape(quote_from_bytes(os.fsencode(place)))}">recording</a> <code>{command}</code>'
 
 
 def _definitions(v_safe: float, separation: SeparationParams) -> str:

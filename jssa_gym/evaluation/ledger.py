@@ -10,9 +10,10 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import IO, Any, Generic, NamedTuple, Protocol, TypeVar, get_args, get_type_hints
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, get_args, get_type_hints
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.storage import append_whole, file_name, read_text, read_whole, write_whole
 
 _TELLING = (
     "cli",
@@ -36,15 +37,6 @@ _TELLING = (
 """Parts of the package that only tell of episodes; all others decide how one goes or how it is judged."""
 
 
-def _lock(file: IO[bytes]) -> None:
-    """Keep other writers out until the file is closed."""
-    try:
-        import fcntl
-    except ImportError:  # Windows: a second writer is seen by the lines that it leaves
-        return
-    fcntl.flock(file, fcntl.LOCK_EX)
-
-
 def source_hash() -> str:
     """Hash of all files that decide how an episode goes and how it is judged, models included."""
     package, text = Path(__file__).parents[1], hashlib.sha256()
@@ -66,11 +58,7 @@ def package_version() -> str:
 
 def trace_name(cell: Sequence[str], seed: int) -> str:
     """Name of the file with an episode's recording."""
-    name = "-".join(part for part in cell if part)
-    plain = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in name)
-    if plain != name or len(plain) > 100:  # paths can be long, and alike but for what was replaced
-        plain = f"{plain[:80]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-    return f"{plain}-{seed}.npz"
+    return f"{file_name('-'.join(part for part in cell if part))}-{seed}.npz"
 
 
 class Plan(Protocol):
@@ -153,17 +141,17 @@ class Ledger(Generic[AnyPlan, AnyRow]):
             self._settle(config)
             self._read()
         except OSError as error:
-            raise ParameterError(f"cannot use {folder}: {error.strerror}") from error
+            raise ParameterError(f"cannot use {folder}: {error.strerror or error}") from error
 
     def _settle(self, config: dict[str, Any]) -> None:
         path = self.folder / "campaign.json"
         empty = not self.table.exists() or self.table.stat().st_size == 0
         if path.exists() and not empty:
             try:
-                known = json.loads(path.read_text())
+                known = json.loads(read_text(path, ParameterError))
                 other = [name for name in config if known[name] != config[name]]
-            except (ValueError, KeyError, TypeError) as error:
-                raise ParameterError(f"{path} is no campaign's configuration") from error
+            except (ValueError, KeyError, TypeError, RecursionError) as error:
+                raise ParameterError(f"{path} is no campaign's configuration: {error}") from error
             if other:
                 raise ParameterError(
                     f"{self.folder} holds another campaign (other {', '.join(other)}); choose another folder (--out)"
@@ -171,15 +159,15 @@ class Ledger(Generic[AnyPlan, AnyRow]):
             return
         if not (path.exists() or empty):
             raise ParameterError(f"{self.table} belongs to no campaign; choose another folder")
-        unfinished = path.with_suffix(".part")
-        unfinished.write_text(json.dumps(config, indent=2) + "\n")
-        unfinished.replace(path)
+        write_whole(path, json.dumps(config, indent=2) + "\n")
 
     def _read(self) -> None:
         if not self.table.exists():
             return
-        content = self.table.read_bytes()
+        content = read_whole(self.table, ParameterError)
         whole = content[: content.rfind(b"\n") + 1]
+        if not (whole or ",".join(self._names).encode().startswith(content)):
+            raise ParameterError(f"{self.table} holds a line that is no episode; choose another folder")
         if len(whole) < len(content):
             # what a crash cut off is played again
             os.truncate(self.table, len(whole))
@@ -205,6 +193,7 @@ class Ledger(Generic[AnyPlan, AnyRow]):
 
         Raises:
             ParameterError: Somebody else has written to the table.
+            StorageError: It cannot be written; nothing was added.
         """
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -212,14 +201,10 @@ class Ledger(Generic[AnyPlan, AnyRow]):
             writer.writerow(self._names)
         for episode in episodes:
             writer.writerow(_written(episode))
-        with self.table.open("ab") as file:
-            _lock(file)
-            if os.fstat(file.fileno()).st_size != self._size:
-                raise ParameterError(f"another process writes to {self.table}; choose another folder")
-            file.write(text.getvalue().encode())
-            file.flush()
-            os.fsync(file.fileno())
-            self._size = file.tell()
+        size = append_whole(self.table, text.getvalue().encode(), self._size)
+        if size is None:
+            raise ParameterError(f"another process writes to {self.table}; choose another folder")
+        self._size = size
         self.episodes += episodes
 
     def ordered(self) -> list[AnyRow]:

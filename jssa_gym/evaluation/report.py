@@ -14,6 +14,7 @@ from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.plans import Setting
 from jssa_gym.evaluation.stage import Scored
 from jssa_gym.evaluation.statistics import Mean, Rate, means
+from jssa_gym.storage import write_whole
 from jssa_gym.types import Array
 
 METRICS: tuple[Metric, ...] = tuple(metrics_of(Summary))
@@ -81,7 +82,11 @@ class Report:
         }
 
     def save(self, path: str | Path) -> None:
-        """Write it as JSON."""
+        """Write it as JSON.
+
+        Raises:
+            StorageError: The file cannot be written.
+        """
         write_reports(Path(path), [self])
 
     def __str__(self) -> str:
@@ -101,6 +106,4 @@ def column(episodes: Sequence[Scored], name: str) -> Array:
 
 def write_reports(path: Path, reports: Sequence[Report]) -> None:
     """Write reports as JSON into a file that is complete or not there."""
-    unfinished = path.with_suffix(path.suffix + ".part")
-    unfinished.write_text(json.dumps([report.as_dict() for report in reports], indent=2, allow_nan=False) + "\n")
-    unfinished.replace(path)
+    write_whole(path, json.dumps([report.as_dict() for report in reports], indent=2, allow_nan=False) + "\n")

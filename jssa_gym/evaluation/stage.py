@@ -1,5 +1,6 @@
 """Episodes of an evaluation: played and recorded, put into numbers."""
 
+import shlex
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.evaluation.contenders import PEOPLE
 from jssa_gym.evaluation.episodes import POLICY_SEEDS, digest
 from jssa_gym.evaluation.geometry import geometry
 from jssa_gym.evaluation.identity import code_version
@@ -18,7 +20,9 @@ from jssa_gym.evaluation.plans import Setting, Single, Study, make_policy
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.types import Trace
+from jssa_gym.validation import known_name
 
 AnyStudy = Study | Single
 
@@ -134,22 +138,53 @@ def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str,
     return played | code_version()
 
 
-def played_again(meta: Mapping[str, Any], *, trust_pickle: bool = False) -> Trace:
-    """Play a recorded episode anew from what its recording says of itself.
+def recorded_setting(meta: Mapping[str, Any], policy: str | None = None) -> Setting:
+    """What kind of episode a recording is of, where nothing has to be read or run that only the recording names.
 
     Args:
         meta: Of the recording.
-        trust_pickle: If its policy is a file, see :func:`~jssa_gym.policies.load_policy`.
+        policy: See :func:`played_again`.
 
     Raises:
-        ParameterError: It does not say enough: only episodes made of names can be made again.
+        ParameterError: It does not say, or names a policy or people that are not the package's.
     """
     if meta.get("named") is not True:
         raise ParameterError("only episodes of `jssa-gym evaluate` and `jssa-gym compare` can be played again")
     try:
-        task, filter, human, policy = setting = Setting(*(str(meta[name]) for name in Setting._fields))
+        setting = Setting(*(str(meta[name]) for name in Setting._fields))
+    except KeyError as error:
+        raise ParameterError(f"the recording does not say how it came about: {error} is missing") from error
+    known_name("human", setting.human, PEOPLE)  # no file
+    if policy is not None:
+        return setting._replace(policy=policy)
+    if setting.policy not in (*POLICIES, *shipped_policies()):
+        raise ParameterError(
+            f"the recording asks for the policy {setting.policy!r}, a file or code that only it names; if you trust "
+            f"that, repeat it: --policy {shlex.quote(setting.policy)}"
+        )
+    return setting
+
+
+def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pickle: bool = False) -> Trace:
+    """Play a recorded episode anew from what its recording says of itself.
+
+    Nothing that only the recording names is read or run: a policy that is a file or ``"module:factory"`` has to be
+    given by whoever plays it.
+
+    Args:
+        meta: Of the recording.
+        policy: Instead of the one that it names, as :func:`~jssa_gym.evaluation.plans.make_policy` takes it.
+        trust_pickle: If its policy is a file, see :func:`~jssa_gym.policies.load_policy`.
+
+    Raises:
+        ParameterError: It does not say enough: only episodes made of names can be made again. Or it names a policy
+            that is not the package's, which has to be repeated.
+    """
+    setting = recorded_setting(meta, policy)
+    try:
         seed, steps = int(meta["seed"]), int(meta["steps"])
     except (KeyError, TypeError, ValueError) as error:
         raise ParameterError(f"the recording does not say how it came about: {error} is missing or wrong") from error
-    plan = Study((task,), (filter,), (human,), (policy,), steps=steps, trust_pickle=trust_pickle)
+    tasks, filters, humans, policies = ((name,) for name in setting)
+    plan = Study(tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle)
     return Stage(plan, setting).record(seed)

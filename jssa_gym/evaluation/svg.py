@@ -1,16 +1,22 @@
 """Small figures as SVG text, for pages that load nothing."""
 
+import html
 from collections.abc import Sequence
-from html import escape
 
 import numpy as np
 
+from jssa_gym.text import printable
 from jssa_gym.types import Array
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7f7f7f", "#000000")
 """Okabe and Ito's palette, told apart by colour-blind people."""
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 14.0, 14.0, 44.0
+
+
+def escape(text: str) -> str:
+    """A text for HTML and SVG, in which all is seen."""
+    return html.escape(printable(text))
 
 
 def colour(k: int) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.exceptions import TraceError
-from jssa_gym.storage import write_whole
+from jssa_gym.storage import read_whole, write_whole
 from jssa_gym.types import Trace
 
 _FORMAT, _VERSION = "jssa_gym trace", 2
@@ -82,7 +82,7 @@ def save_trace(trace: Trace, path: str | Path, meta: Mapping[str, Any] | None = 
 
     Raises:
         TraceError: The trace's arrays do not fit together, or JSON cannot hold ``meta``.
-        OSError: The file cannot be written.
+        StorageError: The file cannot be written.
     """
     path = Path(path)
     _check(trace)
@@ -132,13 +132,7 @@ def read_meta(path: str | Path) -> dict[str, Any]:
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file whose digest is right."""
-    try:
-        size = path.stat().st_size
-        if size > _LARGEST:
-            raise TraceError(f"{path} holds no trace: it has {size} bytes, more than {_LARGEST}")
-        content = path.read_bytes()
-    except OSError as error:
-        raise TraceError(f"cannot read {path}: {error.strerror}") from error
+    content = read_whole(path, TraceError, _LARGEST)
     body, digest = content[:-_DIGEST], content[-_DIGEST:]
     if hashlib.sha256(body).hexdigest().encode() != digest:
         raise TraceError(f"{path} is no trace, or not as it was written: its SHA-256 does not fit")

@@ -19,6 +19,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError, RecordingError
 from jssa_gym.humans.body import PARTS
 from jssa_gym.humans.recording import Recording
+from jssa_gym.storage import read_text
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, positive_number, real_array
 
@@ -98,10 +99,7 @@ def read(path: str | Path) -> Skeleton:
     if not isinstance(path, str | os.PathLike):
         raise RecordingError(f"a skeleton is read from a BVH file, got {path!r}")
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f"cannot read {path}: {error}") from error
+    text = read_text(path, RecordingError)
     try:
         return parse(text)
     except RecordingError as error:

@@ -9,7 +9,6 @@ axis points up from the floor; it is the robot's base axis.
 import csv
 import io
 import os
-import tempfile
 import tokenize
 import zipfile
 import zlib
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.exceptions import RecordingError
+from jssa_gym.storage import read_text, read_whole, whole_file
 from jssa_gym.types import Array
 
 _FIELDS = ("time", "start", "end", "radius", "names")
@@ -138,21 +138,16 @@ class Recording:
 
         Raises:
             RecordingError: The name does not end in ``.npz``, or its folder does not exist.
+            StorageError: The file cannot be written.
         """
         path = _path(path)
         if path.suffix != ".npz":
             raise RecordingError(f"a recording is written to an .npz file, got {str(path)!r}")
         if not path.parent.is_dir():
             raise RecordingError(f"there is no folder {path.parent}")
-        handle, part = tempfile.mkstemp(suffix=".npz", dir=path.parent)
-        os.close(handle)
-        try:
-            values = {name: getattr(self, name) for name in _FIELDS[:-1]}
-            np.savez_compressed(part, names=np.array(self.names), **values)
-            Path(part).chmod(0o644)
-            Path(part).replace(path)
-        finally:
-            Path(part).unlink(missing_ok=True)
+        values = {name: getattr(self, name) for name in _FIELDS[:-1]}
+        with whole_file(path) as file:
+            np.savez_compressed(file, names=np.array(self.names), **values)
 
 
 def _path(path: Any) -> Path:
@@ -174,7 +169,7 @@ def _numbers(name: str, value: Any) -> Array:
 
 def _read_npz(path: Path) -> dict[str, Any]:
     try:
-        content = io.BytesIO(path.read_bytes())
+        content = io.BytesIO(read_whole(path, RecordingError, _LARGEST))
         with zipfile.ZipFile(content) as archive:
             unpacked = sum(member.file_size for member in archive.infolist())
         if unpacked > _LARGEST:
@@ -195,10 +190,10 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 
 def _read_csv(path: Path) -> dict[str, Any]:
+    text = read_text(path, RecordingError, _LARGEST)
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
-            header, *lines = [line for line in csv.reader(file) if line] or [[]]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        header, *lines = [line for line in csv.reader(io.StringIO(text, newline="")) if line] or [[]]
+    except csv.Error as error:
         raise RecordingError(f"cannot be read: {error}") from error
     header = [column.strip() for column in header]
     fields = (*_ENDS, "radius")

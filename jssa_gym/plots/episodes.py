@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from jssa_gym.exceptions import MissingExtraError
 from jssa_gym.plots.backend import COLOURS, INSTALL, draw_without_display
 from jssa_gym.robots import JointLimits
+from jssa_gym.storage import whole_file
+from jssa_gym.text import printable
 from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
@@ -53,7 +55,7 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
 
 def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float) -> None:
     time = trace.time
-    axes[0].set_title(trace.name)
+    axes[0].set_title(printable(trace.name), parse_math=False)
     axes[0].plot(time, trace.distance, color="black")
     axes[0].axhline(d_min, color="#D55E00", linestyle="--", linewidth=1.0, label=f"d_min = {d_min} m")
     axes[0].axhline(0.0, color="#D55E00", linewidth=1.0, label="contact")
@@ -96,7 +98,7 @@ def label(text: str, width: int, height: int = 30) -> NDArray[np.uint8]:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100, facecolor="#22262b")
-    figure.text(0.03, 0.5, text, color="white", fontsize=11, va="center")
+    figure.text(0.03, 0.5, printable(text), color="white", fontsize=11, va="center", parse_math=False)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:height, :width, :3].copy()
@@ -125,14 +127,13 @@ def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int)
 
     Raises:
         MissingExtraError: PyAV is not installed.
+        StorageError: The file cannot be written.
     """
     try:
         import av
     except ImportError as error:
         raise MissingExtraError(f"films need the extra 'plots': {INSTALL}") from error
-    path = Path(path)
-    unfinished = path.with_suffix(".part.mp4")
-    with av.open(str(unfinished), "w") as container:
+    with whole_file(Path(path)) as file, av.open(file, "w", format="mp4") as container:
         stream: Any = container.add_stream("h264", rate=rate)
         stream.pix_fmt = "yuv420p"
         stream.options = {"crf": "22", "preset": "fast"}
@@ -143,4 +144,3 @@ def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int)
                 container.mux(packet)
         for packet in stream.encode():
             container.mux(packet)
-    unfinished.replace(path)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.plots.backend import COLOURS, draw_without_display
 from jssa_gym.plots.episodes import shade
+from jssa_gym.text import printable
 from jssa_gym.types import Array, Trace
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def handovers(runs: Sequence[Tracking], d_min: float) -> "Figure":
 
 def _column(axes: Sequence[Any], run: Tracking, d_min: float) -> None:
     time = run.trace.time
-    axes[0].set_title(run.trace.name)
+    axes[0].set_title(printable(run.trace.name), parse_math=False)
     axes[0].plot(time, run.trace.distance, color="black")
     axes[0].axhline(d_min, color="#D55E00", linestyle="--", linewidth=1.0, label=f"d_min = {d_min} m")
     axes[0].axhline(0.0, color="#D55E00", linewidth=1.0)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jssa_gym.plots.backend import draw_without_display
+from jssa_gym.text import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +53,8 @@ def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> 
         panel.plot(best.lambda1, best.lambda2, "*", color="#D55E00", markersize=13, label="least lost, worst capsule")
         for marker, (text, pair) in zip("osD^v", pairs.items(), strict=False):
             panel.plot(*pair, marker, color="none", markeredgecolor="white", markeredgewidth=1.6, label=text)
-        panel.set(xscale="log", yscale="log", title=name)
+        panel.set(xscale="log", yscale="log")
+        panel.set_title(printable(name), parse_math=False)
     axes[0, 0].legend(fontsize="x-small", loc="lower right", facecolor="#777777", labelcolor="white")
     for panel in axes[-1]:
         panel.set_xlabel("λ₁ [m·s]")

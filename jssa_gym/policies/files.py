@@ -14,7 +14,7 @@ from jssa_gym.exceptions import PolicyFileError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import MOST_LAYERS, Network
 from jssa_gym.robots import JointLimits
-from jssa_gym.storage import write_whole
+from jssa_gym.storage import read_whole, write_whole
 from jssa_gym.types import Array
 
 FORMAT, VERSION = "jssa_gym policy", 1
@@ -72,7 +72,7 @@ def save_policy(path: str | Path, policy: LearnedPolicy) -> None:
 
     Raises:
         PolicyFileError: It is larger than a file may be.
-        OSError: The file cannot be written.
+        StorageError: The file cannot be written.
     """
     network, limits = policy.network, policy.limits
     header: dict[str, Any] = {"format": FORMAT, "version": VERSION}
@@ -134,14 +134,7 @@ def content_of(path: str | Path) -> bytes:
     Raises:
         PolicyFileError: It is, or it cannot be read.
     """
-    try:
-        with Path(path).open("rb") as file:
-            content = file.read(LARGEST + 1)
-    except (OSError, ValueError) as error:
-        raise PolicyFileError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
-    if len(content) > LARGEST:
-        raise PolicyFileError(f"{path} holds no policy: it has more than {LARGEST} bytes")
-    return content
+    return read_whole(Path(path), PolicyFileError, LARGEST)
 
 
 def _members(content: bytes) -> dict[str, bytes]:

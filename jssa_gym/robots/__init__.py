@@ -10,6 +10,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.robots.lr_mate_200id_7l import lr_mate_200id_7l
 from jssa_gym.robots.model import JointLimits, RobotModel
+from jssa_gym.storage import read_text
 from jssa_gym.types import Array
 
 ROBOTS: dict[str, Callable[[], RobotModel]] = {
@@ -18,6 +19,9 @@ ROBOTS: dict[str, Callable[[], RobotModel]] = {
 """Robots by name; add yours to use it in ``gym.make(..., robot=name)``."""
 
 __all__ = ["ROBOTS", "JointLimits", "RobotModel", "lr_mate_200id_7l", "make_robot"]
+
+_LARGEST = 2**20
+"""Size from which no file of limits is read [bytes]."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -51,7 +55,10 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
     if not path.is_file():
         raise RobotModelError(f"no MJCF file at {path}")
     velocity, acceleration, jerk = _limits_beside(path)
-    return RobotModel.from_mjcf(path, velocity=velocity, acceleration=acceleration, jerk=jerk)
+    try:
+        return RobotModel.from_mjcf(path, velocity=velocity, acceleration=acceleration, jerk=jerk)
+    except UnicodeDecodeError as error:  # of a file that it includes
+        raise RobotModelError(f"{path} has a name that is not in UTF-8: {error}") from error
 
 
 def _limits_beside(path: Path) -> tuple[Array, Array, Array]:
@@ -59,8 +66,10 @@ def _limits_beside(path: Path) -> tuple[Array, Array, Array]:
     if not beside.is_file():
         raise RobotModelError(f"no {beside.name} beside {path.name} with its velocity, acceleration, jerk limits")
     try:
-        table = tomllib.loads(beside.read_text())
-    except tomllib.TOMLDecodeError as error:
+        table = tomllib.loads(read_text(beside, RobotModelError, _LARGEST))
+    except RobotModelError:
+        raise
+    except (ValueError, RecursionError) as error:  # the former of numbers that are too long, too
         raise RobotModelError(f"{beside.name} is not valid TOML: {error}") from error
     names = ("velocity", "acceleration", "jerk")
     missing = [name for name in names if name not in table]
@@ -69,7 +78,7 @@ def _limits_beside(path: Path) -> tuple[Array, Array, Array]:
     factor = np.pi / 180.0 if table["unit"] == "deg" else 1.0
     try:
         velocity, acceleration, jerk = (factor * np.asarray(table[name], float) for name in names)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise RobotModelError(
             f"{beside.name}: velocity, acceleration, jerk have to be lists of numbers: {error}"
         ) from error

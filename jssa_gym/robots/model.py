@@ -12,6 +12,7 @@ from jssa_gym.headless import choose_gl_backend
 from jssa_gym.kernels.records import CAPSULE, LINK, records
 from jssa_gym.robots.coverage import check_coverage
 from jssa_gym.robots.serial import called, serial_joints
+from jssa_gym.storage import read_text
 from jssa_gym.types import Array
 
 if TYPE_CHECKING:
@@ -162,6 +163,7 @@ class RobotModel:
         path = Path(path).resolve()
         if not path.is_file():
             raise RobotModelError(f"no MJCF file at {path}")
+        read_text(path, RobotModelError)  # MuJoCo takes any bytes, and ends at the first NUL
         try:
             model = mujoco.MjModel.from_xml_path(str(path))
         except ValueError as error:

@@ -13,6 +13,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.jit import source_hash
 from jssa_gym.safety.boundary import Boundary
 from jssa_gym.safety.census import Census
+from jssa_gym.storage import append_whole, read_whole, write_whole
 
 Key = tuple[str, int, int]
 """Capsule, number of the chunk, and its states."""
@@ -91,14 +92,14 @@ class ChunkFile:
             lines, cut = self._lines()
             # a crash may have cut the first line off; anything else without an end of line is somebody else's
             if not lines and json.dumps(first).encode().startswith(cut):
-                self.path.write_text(json.dumps(first) + "\n")
+                write_whole(self.path, json.dumps(first) + "\n")
                 return
         except (OSError, UnicodeDecodeError) as error:
-            raise ParameterError(f"cannot use {folder}: {getattr(error, 'strerror', error)}") from error
+            raise ParameterError(f"cannot use {folder}: {getattr(error, 'strerror', None) or error}") from error
         try:
             known = json.loads(lines[0] if lines else "")
             other = [name for name in first if known.get(name) != first[name]]
-        except (ValueError, AttributeError) as error:
+        except (ValueError, AttributeError, RecursionError) as error:
             raise ParameterError(f"{self.path} is no file of counts; choose another folder") from error
         if other:
             raise ParameterError(
@@ -111,7 +112,7 @@ class ChunkFile:
         """Whole lines, and what comes after the last one."""
         if not self.path.exists():
             return [], b""
-        whole, end, cut = self.path.read_bytes().rpartition(b"\n")
+        whole, end, cut = read_whole(self.path, ParameterError).rpartition(b"\n")
         return (whole + end).decode().splitlines(), cut
 
     def read(self) -> dict[Key, Census]:
@@ -125,13 +126,14 @@ class ChunkFile:
             try:
                 (capsule, number, states), plain = json.loads(line)
                 found[capsule, number, states] = Census.read(plain)
-            except (ValueError, KeyError, TypeError, IndexError) as error:
+            except (ValueError, KeyError, TypeError, IndexError, RecursionError) as error:
                 raise ParameterError(f"{self.path} holds a line that is no count: {error}") from error
         return found
 
     def append(self, key: Key, census: Census) -> None:
-        """Add one."""
-        with self.path.open("a") as file:
-            file.write(json.dumps([key, census.plain()]) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        """Add one.
+
+        Raises:
+            StorageError: It cannot be written; nothing was added.
+        """
+        append_whole(self.path, (json.dumps([key, census.plain()]) + "\n").encode())

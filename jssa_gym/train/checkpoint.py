@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from jssa_gym.exceptions import CheckpointError
+from jssa_gym.storage import read_text
 
 MANIFEST = "manifest.json"
 
@@ -71,7 +72,7 @@ def write_checkpoint(
         folder.mkdir(parents=True, exist_ok=True)
         for left in folder.glob("*.part"):  # by a crash
             shutil.rmtree(left, ignore_errors=True)
-        unfinished.mkdir()
+        unfinished.mkdir()  # nobody's but this process's, or an error
         sums: dict[str, str] = {}
         for name, write in writers.items():
             path = unfinished / name
@@ -82,7 +83,8 @@ def write_checkpoint(
             sums[name] = _sha256(path)
         body = {"version": _VERSION, "steps": steps, "files": sums, "data": dict(data)}
         manifest = unfinished / MANIFEST
-        manifest.write_text(json.dumps({**body, "sha256": _digest(body)}, indent=2, allow_nan=False) + "\n")
+        text = json.dumps({**body, "sha256": _digest(body)}, indent=2, allow_nan=False) + "\n"
+        manifest.write_text(text, encoding="utf-8")
         _to_disk(manifest)
         _to_disk(unfinished)
         shutil.rmtree(target, ignore_errors=True)  # of the same steps: a bad one that is written anew
@@ -107,7 +109,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
     path = folder / MANIFEST
     try:
         _check_file(path, LARGEST_MANIFEST)
-        body = json.loads(path.read_text())
+        body = json.loads(read_text(path, CheckpointError, LARGEST_MANIFEST))
         checksum = body.pop("sha256")
         if body["version"] != _VERSION:
             raise CheckpointError(f"{path} is of version {body['version']!r}, this code reads {_VERSION}")

@@ -101,7 +101,10 @@ def train(
     except OSError as error:
         raise CheckpointError(f"cannot write to {folder}: {error.strerror or error}") from error
     with held:
-        return _train(config, folder, say or (lambda line: None), watch, device, command)
+        try:
+            return _train(config, folder, say or (lambda line: None), watch, device, command)
+        except OSError as error:  # of TensorBoard's writer, which tells of a full disk later, and of others' files
+            raise CheckpointError(f"the training in {folder} cannot go on: {error.strerror or error}") from error
 
 
 def _train(config: TrainConfig, folder: Path, tell: Say, watch: Watch | None, device: str, command: str) -> Training:
