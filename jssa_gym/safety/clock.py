@@ -31,6 +31,7 @@ class TickClock:
             return time
         gap, due = now - self._seen, self.dt * self._due
         self._seen, self._due = now, 0
-        if gap < due * (1.0 - 1e-6):
-            self._ahead += due - gap
+        # what it falls behind counts until it has caught up; a rounding is nothing
+        if abs(due - gap) > 1e-6 * due:
+            self._ahead = max(self._ahead + due - gap, 0.0)
         return now + self._ahead

@@ -13,6 +13,9 @@ AGREEMENTS = 5
 """After a reading that was wrong, so many in a row have to be right before they are believed again: twice as many
 each time that happens anew."""
 
+_DOUBLINGS = 7
+"""... up to five seconds."""
+
 _FORGIVEN = 125
 """After so many readings in a row that were believed, what was wrong before does not count any more."""
 
@@ -33,6 +36,8 @@ WRONG = {
     ASTRAY: "the joint state is not where the last jerk led",
 }
 AGAIN = "the joint state is where the last jerk led again, but not for long enough to be believed"
+
+MOVING = "the arm moves in the first reading; with a state_tolerance it has to begin at rest"
 
 
 def at_rest(state: Array) -> bool:
@@ -69,8 +74,9 @@ class JointMonitor:
     =========================================================  =================================================
 
     After a wrong one :data:`AGREEMENTS` in a row have to be right before they are believed again, and twice as many
-    each time that happens anew. What disagrees for good, however little, is never believed until :meth:`reset` or
-    :meth:`rebase`.
+    each time that happens anew; one that is missing meanwhile does not count. After a clock that stood still or went
+    back none is believed until the clock has caught up. What disagrees for good, however little, is never believed
+    until :meth:`reset` or :meth:`rebase`.
 
     Args:
         bounds: Rows lower and upper position, velocity, acceleration and jerk limits, shape (5, n).
@@ -86,7 +92,7 @@ class JointMonitor:
         """Where the arm is, as far as the applied jerks tell, shape (3, n)."""
         self._exact = bool(np.any(tolerance == 0.0))
         self._reading, self._last, self._anchor = (np.zeros((3, n)) for _ in range(3))
-        self._past = np.zeros((_REMEMBERED, 3, n))
+        self._past, self._offsets = np.zeros((_REMEMBERED, 3, n)), np.zeros(_REMEMBERED)
         self.reset(None)
 
     def reset(self, robot: Any) -> None:
@@ -102,18 +108,21 @@ class JointMonitor:
         """What was wrong with readings, and what they were."""
         self._last[:] = self._anchor[:] = self._past[:] = np.nan
         self._newest, self._late = 0, 0
-        # how many readings have to be right before they are believed again; how many were wrong in a row, and believed;
-        # how often they were wrong after they had been believed
-        self._missing, self._wrong, self._believed, self._lapses = 0, 0, 0, 0
-        # ticks by which the clock is ahead of the control steps, at most until now, and what a lag asks it to reach
-        self._offset, self._fastest, self._due = 0.0, -math.inf, -math.inf
+        # how many readings have to be right in a row before they are believed again; how many were wrong in a row, and
+        # believed; how often they were wrong after they had been believed
+        self._owed, self._wrong, self._believed, self._lapses = 0, 0, 0, 0
+        # ticks by which the clock is ahead of the control steps, now and lately, and what a lag asks it to reach
+        self._offset, self._due = 0.0, -math.inf
+        self._offsets[:] = -math.inf
 
     def _begin(self) -> None:
-        # an episode begins at rest as far as can be told: noise in a velocity must not be reckoned with for good
-        self.expected[0] = self._reading[0]
-        if not self.agrees(self._reading, self.expected):
-            self.expected[:] = np.where(self.tolerance < np.inf, self._reading, 0.0)
-        self.begun = True
+        """Take the arm to be where the reading says: at rest, unless that is exact and says otherwise."""
+        # noise in a velocity must not be reckoned with for good
+        self.expected[0], self.expected[1:] = self._reading[0], 0.0
+        self.begun = self.agrees(self._reading, self.expected)
+        if not self.begun and not self.tolerance.any():
+            self.expected[:] = self._reading
+            self.begun = True
 
     def read(self, robot: Any, time: Any) -> Reading:
         """Take down what is delivered in this tick; never raises, whatever it is."""
@@ -123,6 +132,8 @@ class JointMonitor:
             return Reading(None, self._late, reason)
         if not self.begun:
             self._begin()
+        if not self.begun:
+            return Reading(None, self._late, MOVING)
         return Reading(self._reading, self._late, clock)
 
     def _take(self, robot: Any) -> str:
@@ -153,16 +164,18 @@ class JointMonitor:
         if not math.isfinite(now):
             return f"the time is {now}"
         # only the very first reading has none before it
+        if now <= self._time:
+            # what is of an earlier tick is so until the clock has caught up: an arm at rest looks the same all along
+            self._due = max(self._due, self._offsets.max() - 0.5)
         if now < self._time:
             return f"the clock went back from {self._time:g} s to {now:g} s"
         if now == self._time:
             return f"the clock stands still at {now:g} s: the joint state is not of this tick"
         passed = 1.0 if math.isnan(self._time) else (now - self._time) / self.dt
-        # rounded to ticks, and no more than a day of them
-        self._late += max(round(min(passed, 1e7)), 1) - self._ticks if passed > 1.0 else 0
-        self._late = max(self._late, 0)
+        if passed > 1.0:
+            # rounded to ticks, and no more than a day of them
+            self._late = max(self._late + max(round(min(passed, 1e7)), 1) - self._ticks, 0)
         self._offset += passed - self._ticks
-        self._fastest = max(self._fastest, self._offset)
         self._time, self._ticks = now, 0
         return ""
 
@@ -172,8 +185,8 @@ class JointMonitor:
 
     def judge(self, reading: Reading) -> str:
         """Compare a reading with the expected state; why it is not believed, or nothing."""
-        if reading.state is None:
-            return self._unbelieved(reading.reason)
+        if reading.state is None:  # nothing false was said, and nothing right
+            return reading.reason
         code = judge_joints(
             reading.state,
             self.expected,
@@ -185,36 +198,25 @@ class JointMonitor:
             self.tolerance,
         )
         if code != AGREES:
-            if not self._missing:
+            if not self._owed:
                 self._lapses += 1
-            self._wrong += 1
-            self._missing = self._asked
-            return self._unbelieved(WRONG[code] if code in WRONG else self._lagging(code - LAGS + 1))
+            self._wrong, self._believed = self._wrong + 1, 0
+            self._owed = AGREEMENTS << min(self._lapses - 1, _DOUBLINGS)
+            return WRONG[code] if code in WRONG else self._lagging(code - LAGS + 1)
         self._wrong, self._late = 0, 0
         if reading.reason:
-            return self._unbelieved(reading.reason)
+            return reading.reason
         if self._offset < self._due:
-            return self._unbelieved(self._lagging(math.ceil(self._due - self._offset)))
+            return self._lagging(math.ceil(self._due - self._offset))
         self._due = -math.inf
-        if self._missing:
-            self._missing -= 1
-        if self._missing:
+        if self._owed:
+            self._owed -= 1
+        if self._owed:
             return AGAIN
         self._believed += 1
         if self._believed >= _FORGIVEN:
             self._lapses = 0
         return ""
-
-    @property
-    def _asked(self) -> int:
-        """How many readings have to be right in a row, once they were wrong."""
-        return AGREEMENTS << min(max(self._lapses - 1, 0), 20)
-
-    def _unbelieved(self, reason: str) -> str:
-        self._believed = 0
-        if self._missing:
-            self._missing = self._asked
-        return reason
 
     @property
     def persistent(self) -> bool:
@@ -223,7 +225,7 @@ class JointMonitor:
 
     def _lagging(self, ticks: int) -> str:
         # where the clock shows the same lag, it has to catch up too: an arm at rest looks the same at all times
-        if self._offset <= self._fastest - ticks + 0.5:
+        if self._offset <= self._offsets.max() - ticks + 0.5:
             self._due = max(self._due, self._offset + ticks - 0.5)
         return f"the joint state lags by {ticks} tick{'s' if ticks > 1 else ''}"
 
@@ -231,18 +233,29 @@ class JointMonitor:
         """Keep what is expected now, before a jerk is applied."""
         self._newest = (self._newest + 1) % _REMEMBERED
         self._past[self._newest] = self.expected
+        self._offsets[self._newest] = self._offset
 
-    def rebase(self, robot: Any) -> None:
+    def rebase(self, robot: Any, time: Any) -> None:
         """Take a resting arm to be where its reading says; what was wrong is forgotten.
 
+        Where velocity or acceleration are not measured nothing shows that it rests.
+
         Raises:
-            ParameterError: The arm is expected to move still, or the reading cannot be used, moves, or is outside the
-                position limits.
+            ParameterError: The arm is expected to move still, or the reading cannot be used, is no newer than the last
+                one, moves, or is outside the position limits.
         """
         if not at_rest(self.expected):
             raise ParameterError("the arm is still braking: rebase it when it rests")
         if wrong := self._take(robot):
             raise ParameterError(wrong)
+        try:
+            old = not float(time) < math.inf or float(time) <= self._time
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"the clock cannot be read: {error}") from error
+        if old:
+            raise ParameterError(
+                f"the reading is of {time} s, the last one of {self._time:g} s: it has to be a newer one"
+            )
         position = self._reading[0]
         still = np.array([position, np.zeros_like(position), np.zeros_like(position)])
         if not self.agrees(self._reading, still):
@@ -250,4 +263,5 @@ class JointMonitor:
         if not np.all((self.bounds[0] <= position) & (position <= self.bounds[1])):
             raise ParameterError(f"the arm is outside its position limits, at {position} rad")
         self.expected[:] = still
+        self.begun = True
         self._forget()

@@ -82,17 +82,17 @@ class VerifiedStop:
         self._monitor: HumanMonitor | None = None
         self._growth = self._touch = np.zeros(0)
         self._clock = TickClock(self.dt)
-        self._fixtures: tuple[bytes, tuple[str, ...], tuple[str, ...]] | None = None
+        self._fixtures: tuple[bytes, bytes, tuple[str, ...], tuple[str, ...]] | None = None
         self._joints.reset(robot)
         self._replan()
 
-    def rebase(self, robot: Any) -> None:
+    def rebase(self, robot: Any, time: Any) -> None:
         """Take an arm that rests, but was moved by something else, to be where its reading says.
 
         Raises:
-            ParameterError: The stop is not over yet, or the reading cannot be used, moves, or is outside the limits.
+            ParameterError: See :meth:`~jssa_gym.safety.joints.JointMonitor.rebase`.
         """
-        self._joints.rebase(robot)
+        self._joints.rebase(robot, time)
         self._replan()
 
     @property
@@ -111,26 +111,27 @@ class VerifiedStop:
         plan_stop(state, self._bounds, self.dt, self._stored)
         make_plan_representable(self._stored, self._bounds)
         self._tick = 0
-        self._verified = at_rest(state) and not violates(state, still, self._bounds, _ROUNDING)
+        self._verified = self._joints.begun and at_rest(state) and not violates(state, still, self._bounds, _ROUNDING)
 
     def watch(self, scene: Scene | None) -> Watch:
         """What can be believed about the people; never raises. Has to be asked once a tick."""
-        if scene is None:
+        try:
+            if scene is None:
+                raise ValueError("there is no scene")
+            time, human, age, valid = scene.time, scene.human, scene.age, scene.valid
+            if self._monitor is None:
+                self._monitor = self._monitor_of(human.names)
+        except Exception as error:  # whatever a perception system delivers, the arm must go on safely
             self._clock.miss()
-            return Watch(nobody(), np.zeros(0), True, "there is no scene")
-        if self._monitor is None:
-            try:
-                names = scene.human.names
-                self._growth = np.array([self.params.speed_of(name) for name in names], np.float64)
-                self._touch = np.array([self.params.contact_speed_of(name) for name in names], np.float64)
-                self._monitor = HumanMonitor(
-                    self._growth if len(names) else self.params.human_speed,
-                    position_error=self.params.position_error,
-                    max_age=self.params.max_age,
-                )
-            except Exception as error:  # whatever a perception system delivers, the arm must go on safely
-                return Watch(nobody(), np.zeros(0), True, f"the people cannot be read: {error}")
-        return self._monitor.update(self._clock.read(scene.time), scene.human, scene.age, scene.valid)
+            return Watch(nobody(), np.zeros(0), True, f"the people cannot be read: {error}")
+        return self._monitor.update(self._clock.read(time), human, age, valid)
+
+    def _monitor_of(self, names: tuple[str, ...]) -> HumanMonitor:
+        params = self.params
+        self._growth = np.array([params.speed_of(name) for name in names], np.float64)
+        self._touch = np.array([params.contact_speed_of(name) for name in names], np.float64)
+        speed = self._growth if len(names) else params.human_speed
+        return HumanMonitor(speed, position_error=params.position_error, max_age=params.max_age)
 
     def follow(self, robot: Any, time: Any) -> str:
         """Compare a reading of the joints with where the applied jerks must have led; what is wrong, or nothing.
@@ -160,15 +161,20 @@ class VerifiedStop:
         return wrong or ("the clock leapt ahead of the arm" if leapt else "")
 
     def _catch_up(self, seen: Array, late: int) -> bool:
-        """Whether an arm went on with the stored stop for ``late`` ticks without a decision; ``seen`` (3, n) tells."""
-        joints, state = self._joints, self.expected.copy()
+        """Whether an arm went on with the stored stop for ``late`` ticks without a decision; ``seen`` (3, n) tells.
+
+        Within a tolerance several numbers of ticks can agree: then the clock decides.
+        """
+        joints, states = self._joints, [self.expected.copy()]
         left = max(stop_length(self._stored) - self._tick, 0)
-        for passed in range(min(late, left + 1) + 1):
-            if joints.agrees(seen, state):
+        for passed in range(min(late, left + 1)):
+            states.append(states[-1].copy())
+            self._stop_from(states[-1], self._tick + passed)
+        for passed in (len(states) - 1, *range(len(states) - 1)):
+            if joints.agrees(seen, states[passed]):
                 self._tick += passed
-                self.expected[:] = state
-                return passed == late or at_rest(state)
-            self._stop_from(state, self._tick + passed)
+                self.expected[:] = states[passed]
+                return passed == late or at_rest(states[passed])
         return True
 
     def _stop_from(self, state: Array, tick: int) -> Array:
@@ -201,13 +207,13 @@ class VerifiedStop:
             self._planes = records(len(offset), PLANE)
         if not load_fixtures(static.start, static.end, static.radius, normal, offset, self._statics, self._planes):
             return "a static capsule or half-space is not finite, a radius not positive, or a normal no unit vector"
-        # what stands still does not come and go
-        fixtures = self._planes.tobytes(), *names
+        # what stands still does not come, go or move
+        fixtures = self._planes.tobytes(), self._statics.tobytes(), *names
         if self._fixtures is None:
             self._fixtures = fixtures
         if fixtures == self._fixtures:
             return ""
-        changed = "static capsules" if fixtures[:2] == self._fixtures[:2] else "half-spaces"
+        changed = "static capsules" if fixtures[::2] == self._fixtures[::2] else "half-spaces"
         return f"the {changed} are not those of the beginning"
 
     def confirm(self, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]) -> Verdict:
@@ -294,7 +300,7 @@ class VerifiedStop:
         if row < 0:
             return "its stop takes too many checks"
         part, when = self.robot.capsule_names[row], f"{moment:.3f} s"
-        _, planes, statics = self._fixtures or (b"", (), ())
+        *_, planes, statics = self._fixtures or (b"", b"", (), ())
         if code == REACH:
             return f"{people.names[column]} can reach {part} before it rests, in {when}"
         if code == HALF_SPACE:

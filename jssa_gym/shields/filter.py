@@ -28,6 +28,27 @@ from jssa_gym.validation import positive_number
 _logger = logging.getLogger("jssa_gym")
 
 
+def _part(scene: Any, name: str) -> tuple[Any, str]:
+    """A part of a scene, or None and why it cannot be had: whatever a perception system throws, the arm goes on."""
+    try:
+        return getattr(scene, name), ""
+    except Exception as error:
+        return None, str(error)
+
+
+def _sound(decision: Decision, shape: tuple[int, ...]) -> Array:
+    """The jerk of a filter's answer; raises if the answer is not what it should be, so that nothing does later."""
+    jerk = decision.jerk
+    if jerk.shape != shape or jerk.dtype != np.float64:
+        raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
+    if not isinstance(decision, Decision):
+        raise TypeError(f"the answer is {type(decision).__name__}, no Decision")
+    numbers = (decision.phi, decision.distance, decision.slack, *decision.pair)
+    if not all(isinstance(number, int | float) for number in numbers) or len(decision.pair) != 2:
+        raise TypeError(f"phi, distance, slack and pair of the answer are {numbers}")
+    return jerk
+
+
 class SafetyFilter(ABC):
     """Decides which jerk is applied instead of the nominal one.
 
@@ -95,13 +116,14 @@ class SafetyFilter(ABC):
     def reset(self, scene: Scene) -> None:
         """Forget the past: a new episode begins with ``scene``."""
         self._applied[:] = 0.0
+        robot, _ = _part(scene, "robot")
         try:
-            self._read_state(scene.robot)
+            self._read_state(robot)
             self._state[:] = np.nan_to_num(self._incoming)
         except Exception:  # decide() will say what is wrong
             self._state[:] = 0.0
         if self._guard is not None:
-            self._guard.reset(getattr(scene, "robot", None))
+            self._guard.reset(robot)
 
     def rebase(self, scene: Scene) -> None:
         """Take an arm that rests, but was moved by something else, to be where ``scene`` says.
@@ -110,10 +132,11 @@ class SafetyFilter(ABC):
         the applied jerks had led. A filter without a verified stop reads the arm in every step and needs none of this.
 
         Raises:
-            ParameterError: The arm moves, by what the shield or the scene knows, or is outside its limits.
+            ParameterError: The arm moves, by what the shield or the scene knows, or is outside its limits, or the scene
+                is no newer than the last one.
         """
         if self._guard is not None:
-            self._guard.rebase(scene.robot)
+            self._guard.rebase(_part(scene, "robot")[0], _part(scene, "time")[0])
 
     def decide(self, scene: Scene | None, nominal: Array) -> Decision:
         """The jerk to apply in this step.
@@ -145,7 +168,7 @@ class SafetyFilter(ABC):
             astray, watch = self._watch(guard, scene)
             if astray or watch.fault:
                 reason = astray or watch.reason
-                return self._brake(nominal, reason if np.isfinite(nominal).all() else FAULTS[1])
+                return self._brake(nominal, reason if np.isfinite(nominal).all() else f"{FAULTS[1]}; {reason}")
         try:
             # kernels look neither at shapes nor at types: everything is compared before they see it
             if scene is None:
@@ -183,12 +206,11 @@ class SafetyFilter(ABC):
         if fault:
             return self._fault(nominal, FAULTS[fault], readable=fault != 2)
         self._state, self._incoming = self._incoming, self._state
+        asked = nominal.copy()  # a filter may write into what it is given; the nominal stays what was asked for
         try:
             decision = self._filter(scene, self._state, agents, nominal, inside) if room else self._cornered(nominal)
-            jerk = decision.jerk
-            if jerk.shape != nominal.shape or jerk.dtype != np.float64:
-                raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
-            wrong = unfit(jerk, nominal, self.lower, self.upper, decision.status == Status.NOMINAL)
+            jerk = _sound(decision, nominal.shape)
+            wrong = unfit(jerk, asked, self.lower, self.upper, decision.status == Status.NOMINAL)
         except Exception as error:  # whatever a filter runs into, the arm must go on safely
             _logger.exception("the filter failed; the arm brakes")
             return self._brake(nominal, f"the filter failed: {type(error).__name__}: {error}")
@@ -203,7 +225,7 @@ class SafetyFilter(ABC):
             if reason := guard.take_fixtures(scene):
                 return self._brake(nominal, f"the scene does not fit: {reason}")
             verdict = guard.confirm(
-                self._state, decision.jerk, watch, lambda held, halt: self._spare(decision, held, halt)
+                guard.expected, decision.jerk, watch, lambda held, halt: self._spare(decision, held, halt)
             )
             if not verdict.proposed:
                 decision = self._overruled(decision, verdict)
@@ -212,13 +234,10 @@ class SafetyFilter(ABC):
 
     def _watch(self, guard: VerifiedStop, scene: Scene | None) -> tuple[str, Watch]:
         """What is wrong with the arm's reading, and what can be believed about the people; once a tick."""
-        robot = time = None
-        if scene is not None:
-            try:
-                robot, time = scene.robot, scene.time
-            except Exception as error:  # whatever a perception system delivers, the arm must go on safely
-                _logger.debug("no joint state: %s", error)
-        astray = guard.follow(robot, time)
+        robot, lost = _part(scene, "robot")
+        astray = guard.follow(robot, _part(scene, "time")[0])
+        if lost:
+            astray = f"the joint state cannot be read: {lost}"
         return astray if scene is not None else NO_SCENE, guard.watch(scene)
 
     def _representable(self, jerk: Array) -> Array:

@@ -117,7 +117,8 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         Where the arm is not where the applied jerks have led, the shield keeps it at rest until ``reset``, or this.
 
         Raises:
-            ParameterError: The arm moves, by what the shield or the scene knows, or is outside its limits.
+            ParameterError: The arm moves, by what the shield or the scene knows, or is outside its limits, or the scene
+                is no newer than the last one.
             InterfaceError: There is no scene.
         """
         scene = self._scene()
