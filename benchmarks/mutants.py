@@ -26,6 +26,7 @@ PEERS = "[ssa or -ssa or sss or cbf or pfm or sma or ssm or [stop or -stop"
 
 KERNELS = "tests/test_verification.py"
 FILTERS = "tests/test_failsafe.py"
+JOINTS = "tests/test_joints.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -54,6 +55,14 @@ def _guard(name, old, new, tests=ASSUMPTIONS):
     return Mutant(name, "shields/failsafe.py", old, new, tests)
 
 
+def _joints(name, old, new, tests=(JOINTS, "")):
+    return Mutant(name, "kernels/joints.py", old, new, tests)
+
+
+def _monitor(name, old, new, tests=(JOINTS, "")):
+    return Mutant(name, "safety/joints.py", old, new, tests)
+
+
 def _filter(name, old, new, tests=FAULTS):
     return Mutant(name, "shields/filter.py", old, new, tests)
 
@@ -62,26 +71,6 @@ PERSON = """                radii = robot["radius"] + agent["radius"]
                 gap, _, _ = capsule_pair(robot["start"], robot["end"], agent["start"], agent["end"], radii)"""
 STATIC = """                radii = robot["radius"] + static["radius"]"""
 FAILED = """            return self._brake(nominal, f"the filter failed: {type(error).__name__}: {error}")"""
-DESCRIPTION = "        reason = self._describe(code, row, column, moment, scene, people)\n"
-DESCRIBED = (
-    DESCRIPTION
-    + """        carried = int(self.robot.capsules[row]["link"]) + 1 if row >= 0 else n
-        proposed = which == 0
-        if not proposed:
-            stop_jerk(self._stored, self._tick, halt)
-            if carried < n:
-                which = self._choose(state, amend(carried, halt), reach, jerk)[0]
-            if which == 2 and not self._verified:
-                # the stop of an arm that was found in motion: perhaps it can be verified by now
-                which = self._choose(state, halt, reach, jerk)[0]
-        if which == 2:
-            self._tick += 1
-        else:
-            self._stored, self._next = self._next, self._stored
-            self._tick, self._verified = 0, True
-        self._expected, self._after = self._after, self._expected
-        return Verdict(jerk, proposed, reason, self._verified)"""
-)
 ROW = """        row[j] = -slope"""
 
 MUTANTS = [
@@ -128,12 +117,34 @@ MUTANTS = [
         "sound = sound and not abs(length2 - 1.0) >= 1e-6",
         NUMBERS,
     ),
-    _kernel(
+    _joints(
         "NaN does not deviate",
-        "if not abs(state[0, j] - expected[0, j]) <= tolerance * (bounds[1, j] - bounds[0, j]):",
-        "if abs(state[0, j] - expected[0, j]) > tolerance * (bounds[1, j] - bounds[0, j]):",
-        NUMBERS,
+        "if not abs(state[row, j] - expected[row, j]) <= allowed + ROUNDING * limit:",
+        "if abs(state[row, j] - expected[row, j]) > allowed + ROUNDING * limit:",
     ),
+    _joints("deviations are allowed for", "<= allowed + ROUNDING * limit", "<= allowed + 1e-3 * limit"),
+    _joints(
+        "a frozen reading is no fault", "if repeated and deviates(expected, anchor, bounds, tolerance):", "if False:"
+    ),
+    _joints("a lag is not recognised", "for k in range(past.shape[0]):", "for k in range(0):"),
+    _monitor(
+        "expectation follows the reading",
+        "        if code != AGREES:\n",
+        "        self.expected[:] = reading.state\n        if code != AGREES:\n",
+    ),
+    _monitor(
+        "a wrong reading is forgotten at once",
+        "            self._missing = self._asked\n            return",
+        "            return",
+    ),
+    _monitor("relapses are forgotten", "AGREEMENTS << min(max(self._lapses - 1, 0), 20)", "AGREEMENTS"),
+    _monitor("a clock that stands still is believed", "if now == self._time:", "if False:"),
+    _monitor("a lag of the clock is forgotten", "if self._offset < self._due:", "if False:"),
+    _monitor("masked joints are read", "if isinstance(values, np.ma.MaskedArray):", "if False:"),
+    _monitor("single precision is read", "values.dtype.itemsize < 8", "values.dtype.itemsize < 0"),
+    _monitor("rebased in motion", "if not at_rest(self.expected):", "if False:"),
+    _monitor("rebased to a moving arm", "if not self.agrees(self._reading, still):", "if False:"),
+    _monitor("noise is reckoned with", "if not self.agrees(self._reading, self.expected):", "if True:"),
     _kernel(
         "one part's contact speed for everybody",
         "spin <= max(touch[k], REST)",
@@ -195,34 +206,44 @@ MUTANTS = [
         "            self._tick += 2\n        else:",
         PROMISES,
     ),
-    _guard("expectation not kept", "self._expected, self._after = self._after, self._expected\n", "pass\n", PROMISES),
+    _guard("expectation not kept", "self.expected[:] = self._after\n", "pass\n", PROMISES),
+    _guard("a deviation is ignored", "wrong = joints.judge(reading)", 'wrong = joints.judge(reading) and ""', FAULTS),
+    _guard("nobody is told", "if wrong and joints.persistent and not self._told:", "if False:", FAULTS),
     _guard(
-        "a deviation is ignored", "if not deviates(state, self._expected, self._bounds, _STRAY):", "if True:", FAULTS
+        "a stop that did not end in rest is the last",
+        "self._tick >= stop_length(self._stored) and not at_rest(self.expected)",
+        "False",
+        (JOINTS, "did_not_end"),
+    ),
+    _guard("fixtures may change", "if fixtures == self._fixtures:", "if True:", (JOINTS, "not_what_it_was")),
+    _guard(
+        "tolerance is not kept as a distance",
+        "self._astray = params.displacement(robot)",
+        "self._astray = params.tracking_error",
+        (JOINTS, "edge"),
     ),
     _guard(
-        "missed ticks are not counted", "for passed in range(1, due + 1):", "for passed in range(due, due + 1):", FAULTS
-    ),
-    _guard(
-        "any stop counts as verified",
-        "self._verified = bool(np.all(np.abs(state[1:]) < REST))",
-        "self._verified = True",
+        "missed ticks are not counted",
+        "for passed in range(min(late, left + 1) + 1):",
+        "for passed in range(0):",
         FAULTS,
     ),
+    _guard("any stop counts as verified", "self._verified = at_rest(state)", "self._verified = True", FAULTS),
     _guard(
-        "described after all has changed",
-        DESCRIBED,
-        DESCRIBED.replace(DESCRIPTION, "").replace("proposed, reason,", f"proposed, {DESCRIPTION[17:-1]},"),
+        "things without a name",
+        "if (len(offset), len(static.radius)) != (len(names[0]), len(names[1])):",
+        "if False:",
         (FILTERS, "without_a_name"),
     ),
     # what is assumed
     _kernel("age dropped", "(age[k] + lag)", "lag", ASSUMPTIONS),
     _kernel("lag dropped", "(age[k] + lag)", "age[k]", ASSUMPTIONS),
-    _guard("tracking error dropped", "params.position_error + params.tracking_error", "params.position_error"),
-    _guard("position error dropped", "params.position_error + params.tracking_error", "params.tracking_error"),
+    _guard("tracking error dropped", "params.position_error + self._astray", "params.position_error"),
+    _guard("position error dropped", "params.position_error + self._astray", "self._astray"),
     _guard("max_age ignored", "max_age=self.params.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
     _guard(
         "no margin to what stands",
-        "            self.params.tracking_error,\n            jerk,",
+        "            self._astray,\n            jerk,",
         "            0.0,\n            jerk,",
         (FILTERS, "tracking"),
     ),
@@ -265,26 +286,30 @@ MUTANTS = [
     _filter("a filter's own fault is applied", "if decision.status == Status.FAULT:", "if False:"),
     _filter(
         "a scene that does not fit is no fault",
-        'return self._brake(nominal, f"the scene does not fit: {error}")',
-        'verdict = Verdict(jerk, True, "", True)',
+        "if reason := guard.take_fixtures(scene):",
+        "if (reason := guard.take_fixtures(scene)) and False:",
     ),
     _filter("the answer is not looked at", "        if wrong:\n", "        if False:\n"),
-    _filter("watch's fault is ignored", "if watch.fault:", "if False:"),
+    _filter("watch's fault is ignored", "if astray or watch.fault:", "if astray:"),
+    _filter("the joints' fault is ignored", "if astray or watch.fault:", "if watch.fault:"),
     _filter(
-        "brakes without the stored stop",
-        "self.fallback(self._state) if guard is None else guard.stop(blind)",
-        "self.fallback(self._state)",
+        "what is verified is not what is applied",
+        "decision = decision._replace(jerk=self._representable(jerk))",
+        "pass",
+        ("tests/test_shield.py", "to_the_bit and True"),
     ),
+    _filter("brakes without the stored stop", "jerk = guard.stop()", "jerk = self.fallback(self._state)"),
     _filter("verification forgotten", "if not verdict.proposed:", "if False:", PROMISES),
     _filter("an unverified stop is no fault", "if not verdict.verified:", "if False:"),
     _guard(
         "a blind tick takes no time",
-        "            self._time += self.dt\n            self._due += 1",
-        "            pass",
-        FAULTS,
+        "            self._clock.miss()\n",
+        "            pass\n",
+        (JOINTS, "missing_scenes"),
     ),
-    _guard(
+    Mutant(
         "people stand still with the clock",
+        "safety/clock.py",
         "if gap < due",
         "if False and gap < due",
         (FILTERS, "clock_stands"),

@@ -128,6 +128,11 @@ DRIVEN = {name: build for name, build in KINDS.items() if name != "ssm"}
 """Filters that go on where the verified stop has to overrule them; "ssm" stops by itself before."""
 
 
+def share(robot, jerk):
+    """What an environment makes of a jerk: a share of the bound, times the bound."""
+    return jerk / robot.limits.jerk * robot.limits.jerk
+
+
 def nominals(kind, robot, rng):
     """Endless nominal jerks of a policy that means no good."""
     jerk, held = robot.limits.jerk, np.zeros(6)
@@ -195,10 +200,12 @@ def test_limits_stops_and_touches_whatever_anybody_does(robot, make_scene, kind,
                     halved += 1
                     if kind == "none":
                         proposal = np.clip(wanted, arm.filter.lower, arm.filter.upper)
+                        if np.any(proposal != wanted):
+                            proposal = share(robot, proposal)
                         # whole or half way; all joints, or those alone that carry what is in the way
-                        spared = [np.concatenate([tail[:k], proposal[k:]]) for k in range(6)]
-                        whole = any(np.array_equal(decision.jerk, jerk) for jerk in spared[1:])
-                        assert whole or any(np.array_equal(decision.jerk, (tail + jerk) / 2.0) for jerk in spared)
+                        spared = [share(robot, np.concatenate([tail[:k], proposal[k:]])) for k in range(1, 6)]
+                        half = [share(robot, (tail + jerk) / 2.0) for jerk in (proposal, *spared)]
+                        assert any(np.array_equal(decision.jerk, jerk) for jerk in (*spared, *half))
             if decision.status == Status.NOMINAL:
                 np.testing.assert_array_equal(decision.jerk, wanted)
             assert arm.inside()
@@ -208,7 +215,7 @@ def test_limits_stops_and_touches_whatever_anybody_does(robot, make_scene, kind,
             touched += near.smallest < 0.0
             if k % 25 == 0:
                 state, jerk, guard = arm.state.copy(), np.zeros(6), arm.filter._guard
-                np.testing.assert_allclose(state, guard._expected, atol=1e-12)
+                np.testing.assert_allclose(state, guard.expected, atol=1e-12)
                 for tick in range(guard._tick, guard._tick + arm.left):
                     stop_jerk(guard._stored, tick, jerk)
                     integrate(state, jerk, DT, state)
@@ -529,10 +536,8 @@ def test_missed_ticks_on_the_stored_stop_are_no_deviation(robot, make_scene, kin
     np.testing.assert_array_equal(decision.jerk, jerk)
 
 
-@pytest.mark.parametrize("kind", DRIVEN)
-@pytest.mark.parametrize("how", ["last jerk held", "zero jerk", "teleported", "a little"])
-def test_an_arm_that_is_elsewhere_is_stopped_from_where_it_is(robot, make_scene, kind, how):
-    arm = Arm(KINDS[kind](robot), make_scene).get_going(share=0.3)
+def elsewhere(arm, how):
+    """Move the arm to where no jerk of the filter has led."""
     if how in ("last jerk held", "zero jerk"):
         jerk = arm.filter._applied.copy() if how == "last jerk held" else np.zeros(6)
         for _ in range(3):
@@ -541,43 +546,44 @@ def test_an_arm_that_is_elsewhere_is_stopped_from_where_it_is(robot, make_scene,
         arm.state[0, 1] += 0.1
     else:
         arm.state[1, 2] += 1e-4
-    arm.surprise(ball([3.0, 0.0, 1.2], radius=4.0))
-    decision = arm.step(robot.limits.jerk)
-    assert decision.status == Status.FAULT
-    assert "not where the last jerk led" in decision.reason
-    assert np.all(decision.jerk[np.abs(arm.state[1]) > 0.05] != robot.limits.jerk[np.abs(arm.state[1]) > 0.05])
-    for _ in range(arm.left + 1):
-        tail, rested = arm.tail, arm.at_rest()
+
+
+@pytest.mark.parametrize("kind", DRIVEN)
+@pytest.mark.parametrize("how", ["last jerk held", "zero jerk", "teleported", "a little"])
+def test_an_arm_that_is_elsewhere_is_stopped_from_where_it_must_be(robot, make_scene, kind, how, caplog):
+    """A reading is no reason to give up a verified stop: it goes on, and nothing else is done until a reset."""
+    arm = Arm(KINDS[kind](robot), make_scene).get_going(share=0.3)
+    elsewhere(arm, how)
+    expected, left = arm.filter._guard.expected.copy(), arm.left
+    for k in range(left + 40):
+        tail = arm.tail
         decision = arm.step(robot.limits.jerk)
+        assert decision.status == Status.FAULT
+        assert "not where the last jerk led" in decision.reason
+        assert "no verified stop" not in decision.reason
         np.testing.assert_array_equal(decision.jerk, tail)
-        # nobody has verified this stop; at rest there is nothing to verify
-        assert decision.status == (Status.FAILSAFE if rested else Status.FAULT)
-        assert rested or decision.reason.startswith("no verified stop: ")
-        assert arm.inside()
-    assert arm.at_rest()
-
-
-def test_a_verified_jerk_ends_the_fault_of_an_arm_that_was_elsewhere(robot, make_scene):
-    arm = Arm(plain(robot), make_scene).get_going(share=0.2)
-    arm.state[1, 2] += 1e-3
-    decision = arm.step(np.zeros(6))
-    assert decision.status == Status.FAULT
-    assert "not where the last jerk led" in decision.reason
-    assert arm.step(arm.tail).status == Status.NOMINAL
-    arm.surprise(ball([3.0, 0.0, 1.2], radius=4.0))
-    assert arm.step(robot.limits.jerk).status == Status.FAILSAFE
+        integrate(expected, tail, DT, expected)
+        np.testing.assert_array_equal(arm.filter._guard.expected, expected)
+        assert not violates(expected, tail, arm.bounds, 1e-9)
+        assert k < left or not np.any(tail)
+    assert np.abs(expected[1:]).max() < 1e-6
+    # said once, and aloud
+    assert sum("something else moves it" in record.message for record in caplog.records) == 1
+    arm.state[1:] = 0.0
+    arm.filter.reset(arm.scene())
+    assert arm.step(np.zeros(6)).status == Status.NOMINAL
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_clocks_that_stand_still_leap_or_go_back_cost_no_stop(robot, make_scene, kind):
     arm = Arm(KINDS[kind](robot), make_scene).get_going(share=0.2)
-    for leap, status in ((0.0, 0), (-DT, 0), (0.4 * DT, 0), (-3.3 * DT, 4), (0.0, 0), (0.0, 0), (10 * DT, 4), (0.0, 0)):
+    for leap, status in ((0.0, 0), (-DT, 4), (0.4 * DT, 0), (-3.3 * DT, 4), (0.0, 0), (0.0, 0), (10 * DT, 4), (0.0, 0)):
         arm.time += leap
         tail = arm.tail
         decision = arm.step(np.zeros(6))
         assert (decision.status == Status.FAULT) == (status == 4), (leap, decision.reason)
         if status == 4:
-            assert "clock leapt" in decision.reason or "went back" in decision.reason
+            assert any(word in decision.reason for word in ("clock leapt", "went back", "stands still"))
             np.testing.assert_array_equal(decision.jerk, tail)
         assert "not where" not in decision.reason
         assert "no verified" not in decision.reason
@@ -1041,7 +1047,7 @@ def test_people_move_on_though_the_clock_stands(robot, make_scene, clock):
 def test_a_radius_that_changes_at_once_is_not_believed(robot, make_scene):
     arm = Arm(plain(robot), make_scene, human=ball([1.0, 0.0, 1.2], 0.3))
     arm.step(np.zeros(6))
-    arm.human = ball([1.0, 0.0, 1.2], 0.0)
+    arm.human = ball([1.0, 0.0, 1.2], 0.01)
     watch = arm.filter._guard.watch(arm.scene(time=arm.time))
     assert watch.human.radius[0] == 0.3
     assert "jumped" in watch.reason

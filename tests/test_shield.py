@@ -14,6 +14,7 @@ from jssa_gym.exceptions import InterfaceError, InvalidActionError, ParameterErr
 from jssa_gym.humans import Body, nobody
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.robots import JointLimits
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import PROJECTORS, ExactProjector, OSQPProjector, Projection
 from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, NoFilter, SafetyFilter, Shield, make_filter
@@ -919,8 +920,8 @@ class Recorder(gym.Wrapper):
         return self.env.step(action)
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_a_nominal_action_is_forwarded_as_the_policys_own_object(dtype):
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+def test_a_nominal_action_is_forwarded_as_a_copy_equal_in_values_and_type(dtype):
     below = Recorder(ArmEnv("home", human="none", terminate_on=()))
     env = JSSAShield(below)
     env.reset(seed=0)
@@ -929,14 +930,84 @@ def test_a_nominal_action_is_forwarded_as_the_policys_own_object(dtype):
         given = action.copy()
         *_, info = env.step(action)
         assert info["shield/status"] == Status.NOMINAL
-        assert below.arrived[-1] is action
+        assert below.arrived[-1].dtype == dtype
+        assert not np.shares_memory(below.arrived[-1], action)
+        np.testing.assert_array_equal(below.arrived[-1], given)
         np.testing.assert_array_equal(action, given)
+        np.testing.assert_array_equal(info["jerk"], env.last_decision.jerk)
         assert info["shield/intervened"] is False
         assert info["shield/correction"] == 0.0
         assert info["shield/reason"] == ""
-    listed = [0.1] * 6
-    env.step(listed)
-    assert below.arrived[-1] is listed
+    env.step([0.1] * 6)
+    np.testing.assert_array_equal(below.arrived[-1], [0.1] * 6)
+
+
+class TwoFaced:
+    """An action that answers differently each time it is read."""
+
+    def __init__(self):
+        self.reads = 0
+
+    def __array__(self, dtype=None, copy=None):
+        self.reads += 1
+        return np.zeros(6) if self.reads % 2 else np.ones(6)
+
+
+def test_an_action_is_read_once():
+    below = Recorder(ArmEnv("home", human="none", terminate_on=()))
+    env = JSSAShield(below)
+    env.reset(seed=0)
+    for _ in range(100):
+        action = TwoFaced()
+        *_, info = env.step(action)
+        assert action.reads == 1
+        np.testing.assert_array_equal(info["jerk"], env.last_decision.jerk)
+        assert not np.any(info["jerk"])
+
+
+class Meddling(gym.Wrapper):
+    """Changes the policy's array after the shield has looked at it, as another thread might."""
+
+    policys = None
+
+    @property
+    def scene(self):
+        if self.policys is not None:
+            self.policys[:] = 1.0
+        return self.env.get_wrapper_attr("scene")
+
+
+def test_an_action_that_another_thread_changes_is_the_one_that_was_checked():
+    below = Meddling(ArmEnv("home", human="none", terminate_on=()))
+    env = JSSAShield(below)
+    env.reset(seed=0)
+    for _ in range(50):
+        below.policys = np.zeros(6)
+        *_, info = env.step(below.policys)
+        assert below.policys[0] == 1.0
+        np.testing.assert_array_equal(info["jerk"], env.last_decision.jerk)
+        assert not np.any(info["jerk"])
+
+
+@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize("stop", [False, True])
+def test_the_jerk_that_is_decided_is_the_jerk_that_is_integrated_to_the_bit(name, stop):
+    env = ArmEnv("home", human="pursuit", terminate_on=())
+    options = {"viability": True, "failsafe": FailsafeParams()} if stop else {}
+    env = Shield(env, make_filter(name, env.robot, DT, **options))
+    env.reset(seed=3)
+    rng, changed, held = np.random.default_rng(1), 0, rng_action(np.random.default_rng(2))
+    for k in range(400):
+        if k % 12 == 0:
+            held = rng_action(rng)
+        *_, info = env.step(held)
+        np.testing.assert_array_equal(info["jerk"], env.last_decision.jerk)
+        changed += env.last_decision.status != Status.NOMINAL
+    assert changed > 20 or name in ("none", "jssa_published")
+
+
+def rng_action(rng):
+    return rng.uniform(-1.2, 1.2, 6)
 
 
 def test_a_corrected_action_is_float64_and_what_the_filter_decided():
@@ -955,12 +1026,13 @@ def test_a_corrected_action_is_float64_and_what_the_filter_decided():
         assert (info["shield/robot_pair"], info["shield/human_pair"]) == decision.pair
         assert info["shield/reason"] == decision.reason
         if decision.status == Status.NOMINAL:
-            assert below.arrived[-1] is action
+            np.testing.assert_array_equal(below.arrived[-1], action)
+            assert below.arrived[-1].dtype == action.dtype
             continue
         corrected += 1
         assert below.arrived[-1].dtype == np.float64
         np.testing.assert_allclose(below.arrived[-1], decision.jerk / JERK, rtol=1e-15)
-        np.testing.assert_allclose(info["jerk"], decision.jerk, rtol=1e-12)
+        np.testing.assert_array_equal(info["jerk"], decision.jerk)
         change = np.abs(decision.jerk / JERK - action).max()
         assert info["shield/correction"] == pytest.approx(change, rel=1e-9, abs=1e-15)
         assert info["shield/intervened"] == (info["shield/correction"] > 1e-6)

@@ -88,7 +88,7 @@ def _ticks(env: gym.Env, time: float) -> int:
 class _SlowPeople(VerifiedStop):
     """Believes that people are slow; what the monitor believes is left alone."""
 
-    def watch(self, scene: Scene) -> Watch:
+    def watch(self, scene: Scene | None) -> Watch:
         watch = super().watch(scene)
         self._growth = np.minimum(self._growth, _SLOW)
         return watch
@@ -97,11 +97,9 @@ class _SlowPeople(VerifiedStop):
 class _OffByOne(VerifiedStop):
     """Begins a stored stop one tick late: its first jerk is applied twice."""
 
-    def confirm(
-        self, scene: Scene, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]
-    ) -> Verdict:
+    def confirm(self, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]) -> Verdict:
         before = self._stored
-        verdict = super().confirm(scene, state, wanted, watch, amend)
+        verdict = super().confirm(state, wanted, watch, amend)
         if self._stored is not before:
             self._tick = -1
         return verdict

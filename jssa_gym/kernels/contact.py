@@ -90,6 +90,6 @@ def unsound(state, nominal, agents):
             total = agent["start"][k] + agent["end"][k] + agent["start_velocity"][k] + agent["end_velocity"][k]
             if not np.isfinite(total):
                 return 3
-        if not (0.0 <= agent["radius"] < np.inf):
+        if not (0.0 < agent["radius"] < np.inf):
             return 3
     return 0

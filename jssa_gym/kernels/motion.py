@@ -100,6 +100,38 @@ def scale_action(fraction, bound, jerk):
 
 
 @jit
+def representable(jerk, bound):
+    """The nearest jerk that a share of the bound gives when it is multiplied with it: what an environment integrates.
+
+    Never beyond the bound, where rounding may have brought a jerk; NaN stays NaN.
+    """
+    share = jerk / bound
+    if share > 1.0:
+        share = 1.0
+    elif share < -1.0:
+        share = -1.0
+    return share * bound
+
+
+@jit
+def make_representable(jerk, bound):
+    """:func:`representable` of all joints, in place."""
+    for i in range(jerk.shape[0]):
+        jerk[i] = representable(jerk[i], bound[i])
+
+
+@jit
+def to_shares(jerk, bound, share):
+    """Shares of the bounds that give exactly these jerks, into ``share`` (n,), as far as :func:`representable`."""
+    for i in range(jerk.shape[0]):
+        share[i] = jerk[i] / bound[i]
+        # what was a share times the bound, divided by it, is that share or a neighbour of it
+        for near in (np.nextafter(share[i], np.inf), np.nextafter(share[i], -np.inf)):
+            if share[i] * bound[i] != jerk[i] and near * bound[i] == jerk[i]:
+                share[i] = near
+
+
+@jit
 def scale_nominal(fraction, bound, jerk):
     """Scale an action by the jerk bounds; finite shares are kept within ±1000, NaN and infinity as they are."""
     for i in range(fraction.shape[0]):

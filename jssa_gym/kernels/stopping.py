@@ -8,7 +8,7 @@ Because it lies on the grid, a stop cut off at any tick is still a stop: what re
 import numpy as np
 
 from jssa_gym.kernels.jit import jit
-from jssa_gym.kernels.motion import advance
+from jssa_gym.kernels.motion import advance, representable
 
 ROUNDING = 1e-12
 """What is lost to rounding when a state comes to lie on the grid, as a share (of a limit, or of a tick)."""
@@ -90,6 +90,15 @@ def stop_joint(v, a, J, A, tau):
 
 
 @jit
+def stop_length(plan):
+    """Number of ticks until the last joint rests."""
+    ticks = 0
+    for i in range(plan.shape[0]):
+        ticks = max(ticks, plan[i]["ramp"] + plan[i]["hold"] + plan[i]["release"])
+    return ticks
+
+
+@jit
 def plan_stop(state, bounds, tau, plan):
     """Stops of all joints.
 
@@ -102,14 +111,23 @@ def plan_stop(state, bounds, tau, plan):
     Returns:
         Number of ticks until the last joint rests.
     """
-    ticks = 0
     for i in range(plan.shape[0]):
         ramp, hold, release, jerk_in, jerk_out = stop_joint(state[1, i], state[2, i], bounds[4, i], bounds[3, i], tau)
         stop = plan[i]
         stop["ramp"], stop["hold"], stop["release"] = ramp, hold, release
         stop["jerk_in"], stop["jerk_out"] = jerk_in, jerk_out
-        ticks = max(ticks, ramp + hold + release)
-    return ticks
+    return stop_length(plan)
+
+
+@jit
+def make_plan_representable(plan, bounds):
+    """The same stops by jerks that shares of the jerk limits give exactly; ``bounds`` (5, n) as of :func:`plan_stop`.
+
+    They end as much in rest as rounding lets them.
+    """
+    for i in range(plan.shape[0]):
+        plan[i]["jerk_in"] = representable(plan[i]["jerk_in"], bounds[4, i])
+        plan[i]["jerk_out"] = representable(plan[i]["jerk_out"], bounds[4, i])
 
 
 @jit

@@ -93,9 +93,6 @@ def fill_observation(state, tip, near, parts, goal, scaling, out):
 
 @jit
 def take_in(
-    position,
-    velocity,
-    acceleration,
     start,
     end,
     start_velocity,
@@ -112,7 +109,7 @@ def take_in(
     upper,
     clipped,
 ):
-    """Read a scene into ``state`` (3, n) and ``agents``, check all of it, and clip the nominal to the box.
+    """Read people into ``agents``, check them and the joint state (3, n), and clip the nominal to the box.
 
     The box, into ``lower`` and ``upper``, is the jerk bounds of ``bounds`` (5, n), or with ``viability`` what
     :func:`~jssa_gym.kernels.viability.jerk_box` leaves of them.
@@ -121,8 +118,6 @@ def take_in(
         A fault code (0 none, 1 nominal, 2 joint state, 3 agents not finite, 4 an agent not measured), whether the
         nominal lies in the box, and whether the box has room for a choice.
     """
-    for k in range(nominal.shape[0]):
-        state[0, k], state[1, k], state[2, k] = position[k], velocity[k], acceleration[k]
     load_agents(start, end, start_velocity, end_velocity, radius, agents)
     fault = unsound(state, nominal, agents)
     for j in range(valid.shape[0]):

@@ -23,12 +23,12 @@ LENGTH_ROUNDING = 1e-6
 
 @jit
 def _readable(ends, j, radius):
-    """Whether all numbers of a sample are finite and the radius is one."""
+    """Whether all numbers of a sample are finite and the radius is one: a capsule without is no body."""
     for row in range(4):
         for k in range(3):
             if not np.isfinite(ends[row, j, k]):
                 return False
-    return np.isfinite(radius) and radius >= 0.0
+    return np.isfinite(radius) and radius > 0.0
 
 
 @jit

@@ -14,8 +14,16 @@ import numpy as np
 from jssa_gym.kernels.capsules import capsule_pair, plane_pair
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.jit import jit
-from jssa_gym.kernels.motion import integrate
-from jssa_gym.kernels.stopping import peak_speed, plan_stop, step_keeps, stop_at, stop_jerk, stop_keeps
+from jssa_gym.kernels.motion import integrate, representable
+from jssa_gym.kernels.stopping import (
+    make_plan_representable,
+    peak_speed,
+    plan_stop,
+    step_keeps,
+    stop_at,
+    stop_jerk,
+    stop_keeps,
+)
 
 REST = 1e-6
 """Speed of a point of the arm below which it is at rest [m/s]: what rounding leaves."""
@@ -43,7 +51,7 @@ def load_fixtures(start, end, radius, normal, offset, statics, planes):
             record["start"][k], record["end"][k] = start[j, k], end[j, k]
             sound = sound and np.isfinite(start[j, k] + end[j, k])
         record["radius"] = radius[j]
-        sound = sound and 0.0 <= radius[j] < np.inf
+        sound = sound and 0.0 < radius[j] < np.inf
     for j in range(offset.shape[0]):
         record, length2 = planes[j], 0.0
         for k in range(3):
@@ -243,7 +251,8 @@ def choose(
     """The first verified one of: the wanted jerk, the jerk half way to the stored stop's, the stored stop's.
 
     Args:
-        wanted: Shape (n,) [rad/s³].
+        wanted: Shape (n,) [rad/s³], shares of the jerk limits times these, so that what is verified is what an
+            environment integrates; so are the other two.
         stored: The stored stop, shape (n,) of ``STOP``.
         tick: Number of its ticks that are over.
         jerk, after, plan: Results: the jerk, the state after it, the stop from there. For the stored stop ``plan``
@@ -264,9 +273,10 @@ def choose(
         else:
             stop_jerk(stored, tick, jerk)
             for j in range(jerk.shape[0]):
-                jerk[j] = (jerk[j] + wanted[j]) / 2.0
+                jerk[j] = representable((jerk[j] + wanted[j]) / 2.0, bounds[4, j])
         integrate(state, jerk, dt, after)
         ticks = plan_stop(after, bounds, dt, plan)
+        make_plan_representable(plan, bounds)
         code, i, k, t = LIMITS, -1, -1, 0.0
         if keeps_limits(state, jerk, after, plan, bounds, dt):
             code, i, k, t = keeps_clear(
@@ -299,16 +309,3 @@ def choose(
     stop_jerk(stored, tick, jerk)
     integrate(state, jerk, dt, after)
     return 2, why, row, column, time
-
-
-@jit
-def deviates(state, expected, bounds, tolerance):
-    """Whether a joint state differs from the expected one by more than a share of the limits. NaN does."""
-    for j in range(state.shape[1]):
-        if not abs(state[0, j] - expected[0, j]) <= tolerance * (bounds[1, j] - bounds[0, j]):
-            return True
-        if not abs(state[1, j] - expected[1, j]) <= tolerance * bounds[2, j]:
-            return True
-        if not abs(state[2, j] - expected[2, j]) <= tolerance * bounds[3, j]:
-            return True
-    return False

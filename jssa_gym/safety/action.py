@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.exceptions import InvalidActionError
 from jssa_gym.types import Array
@@ -17,8 +18,17 @@ def checked_action(action: Any, n: int) -> Array:
     """
     if type(action) is np.ndarray and action.shape == (n,) and action.dtype.char in "fd":
         return action.astype(np.float64)  # the usual case, three times in every shielded step
+    return _as_float64(taken_action(action, n))
+
+
+def taken_action(action: Any, n: int) -> NDArray[Any]:
+    """An action in its own type, shape (n,), a copy: read once, whatever it would say the next time.
+
+    Raises:
+        InvalidActionError: See :func:`checked_action`.
+    """
     try:
-        array = np.asarray(action)
+        array = np.array(np.asarray(action))
     except Exception as error:
         raise InvalidActionError(f"an action is an array of {n} real numbers: {error}") from error
     if array.dtype.kind not in "fiu":
@@ -27,6 +37,10 @@ def checked_action(action: Any, n: int) -> Array:
         )
     if array.shape != (n,):
         raise InvalidActionError(f"an action has shape ({n},), got {array.shape}")
+    return array
+
+
+def _as_float64(array: NDArray[Any]) -> Array:
     if array.dtype.itemsize > 8:
         # what a longer float holds beyond float64 becomes infinity, which the caller answers
         with np.errstate(over="ignore"):

@@ -1,11 +1,12 @@
 """What the verified stop assumes about people, sensors and drives; how far an arm's points can swing."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
 
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, number_within, positive_number
@@ -43,6 +44,8 @@ class FailsafeParams:
         tracking_error: Largest distance of a point of the arm from where the command puts it [m].
         max_age: Measurements are grown by their age up to this; older ones are a fault [s].
         contact_speed: What the arm's touching point may have in a contact [m/s], for all body parts or by name.
+        state_tolerance: How far a reading of the joints' position, velocity and acceleration may be from where the
+            applied jerks must have led [rad, rad/s, rad/s²], each for all joints or one a joint.
 
     Raises:
         ParameterError: A number is negative or not finite, or a speed or ``max_age`` is not positive.
@@ -63,6 +66,11 @@ class FailsafeParams:
     contact_speed: float | Mapping[str, float] = 0.0
     """Speed of the arm's touching point that a contact may have [m/s], for all body parts or by name; the parts not
     named may be touched at rest only."""
+    state_tolerance: tuple[float | Sequence[float], ...] = (0.0, 0.0, 0.0)
+    """How far a reading of the joints' position, velocity and acceleration may be from where the applied jerks must
+    have led [rad, rad/s, rad/s²], each for all joints or one a joint; velocity and acceleration may be inf: not
+    measured. 0 is for readings of the commanded state, and allows for rounding. What lies beyond is a fault; what lies
+    within may be the arm's own deviation, so that the position's is kept as a distance from people too."""
 
     def __post_init__(self) -> None:
         for name in ("human_speed", "limb_speed", "max_age"):
@@ -77,6 +85,7 @@ class FailsafeParams:
             object.__setattr__(self, "contact_speed", checked)
         else:
             object.__setattr__(self, "contact_speed", number_within("contact_speed", speeds, 0.0))
+        object.__setattr__(self, "state_tolerance", _checked_tolerance(self.state_tolerance))
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:
@@ -99,6 +108,44 @@ class FailsafeParams:
         """Allowed speed of the arm when it touches a body part [m/s]."""
         speeds = self.contact_speed
         return float(speeds.get(part, 0.0)) if isinstance(speeds, Mapping) else speeds
+
+    def tolerance_of(self, robot: RobotModel) -> Array:
+        """:attr:`state_tolerance` of a robot's joints, rows position, velocity, acceleration, shape (3, n).
+
+        Raises:
+            ParameterError: It has another number of joints.
+        """
+        for name, row in zip(_STATE, self.state_tolerance, strict=True):
+            if isinstance(row, tuple) and len(row) != robot.n:
+                raise ParameterError(f"state_tolerance has {len(row)} numbers for {name}, the robot {robot.n} joints")
+        return np.array([np.broadcast_to(row, robot.n) for row in self.state_tolerance], np.float64)
+
+    def displacement(self, robot: RobotModel) -> float:
+        """How far a point of the arm may be from where the shield takes it to be [m]: tracking and state tolerance.
+
+        Raises:
+            ParameterError: :attr:`state_tolerance` has another number of joints.
+        """
+        return self.tracking_error + float((levers(robot) @ self.tolerance_of(robot)[0]).max(initial=0.0))
+
+
+_STATE = ("position", "velocity", "acceleration")
+
+
+def _checked_tolerance(value: Any) -> tuple[float | tuple[float, ...], ...]:
+    wanted = (
+        "state_tolerance has to be three times a number of at least 0, or one a joint: position [rad], velocity "
+        "[rad/s], acceleration [rad/s²]; the last two may be inf"
+    )
+    try:
+        rows = [np.array(row, np.float64) for row in value]
+    except (TypeError, ValueError):
+        rows = []
+    if len(rows) != 3 or not all(row.ndim <= 1 and row.size and np.all(row >= 0.0) for row in rows):
+        raise ParameterError(f"{wanted}; got {value!r}")
+    if not np.all(np.isfinite(rows[0])):
+        raise ParameterError(f"{wanted}; positions have to be measured, got {value!r}")
+    return tuple(float(row) if row.ndim == 0 else tuple(row.tolist()) for row in rows)
 
 
 def levers(robot: RobotModel) -> Array:

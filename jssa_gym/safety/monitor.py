@@ -21,7 +21,7 @@ _VERDICTS = (
     "jumped farther than it can have moved",
     "of another person than before",
     "from the future",
-    "not finite",
+    "not finite, or without a radius",
 )
 
 
@@ -146,6 +146,8 @@ class HumanMonitor:
             raise ValueError(f"{shape[0]} capsules instead of {len(self._people.radius)}")
         elif self._people.names != tuple(names):
             raise ValueError("the capsules have other names than before")
+        if any(isinstance(array, np.ma.MaskedArray) for array in (*human[:5], age, valid, human.person)):
+            raise ValueError("an array is masked")
         # into arrays of one's own: of the type that the kernel is compiled for, whatever comes
         np.copyto(self._ends[0], human.start)
         np.copyto(self._ends[1], human.end)

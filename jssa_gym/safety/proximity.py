@@ -47,6 +47,34 @@ def records_for(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
     return records(shape[0], AGENT) if out is None or len(out) != shape[0] else out
 
 
+def plain(array: NDArray) -> NDArray:
+    """An array as it is.
+
+    Raises:
+        ValueError: It is none, or masked: what a mask hides is no measurement.
+    """
+    if isinstance(array, np.ma.MaskedArray):
+        raise ValueError("an array is masked")
+    if not isinstance(array, np.ndarray):
+        raise ValueError(f"{type(array).__name__} instead of an array")
+    return array
+
+
+def plain_capsules(capsules: CapsuleSet) -> CapsuleSet:
+    """Capsules in float64, the type that kernels are compiled for; as they are where nothing has to be done.
+
+    Raises:
+        ValueError, TypeError: An array is masked, or not made of real numbers.
+    """
+    arrays = (capsules.radius, capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity)
+    if all(type(array) is np.ndarray and array.dtype == np.float64 for array in arrays):
+        return capsules
+    radius, start, end, start_velocity, end_velocity = (np.asarray(plain(array), np.float64) for array in arrays)
+    return capsules._replace(
+        start=start, end=end, start_velocity=start_velocity, end_velocity=end_velocity, radius=radius
+    )
+
+
 def plane_records(planes: Planes) -> NDArray:
     """Half-spaces as the kernels read them, shape (p,) of ``PLANE``."""
     out = records(len(planes.offset), PLANE)

@@ -1,38 +1,38 @@
 """The outermost layer of a filter: nothing is applied that a verified stop does not follow."""
 
-import math
+import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from jssa_gym.humans import nobody
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import integrate, violates
 from jssa_gym.kernels.records import AGENT, FRAME, PLANE, SEGMENT, STOP, records
-from jssa_gym.kernels.stopping import plan_stop, stop_jerk
+from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk, stop_length
 from jssa_gym.kernels.verification import (
     HALF_SPACE,
     LIMITS,
     REACH,
-    REST,
     SELF,
     STATIC,
     choose,
-    deviates,
     load_fixtures,
     load_people,
 )
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.clock import TickClock
 from jssa_gym.safety.failsafe import FailsafeParams, levers
+from jssa_gym.safety.joints import JointMonitor, at_rest
 from jssa_gym.safety.monitor import HumanMonitor, Watch
-from jssa_gym.safety.proximity import records_for
+from jssa_gym.safety.proximity import plain, plain_capsules, records_for
 from jssa_gym.types import Array, CapsuleSet, Scene
 
 _ROUNDING = 1e-9
 """Share of the joint limits by which an arm at rest may be beyond them."""
 
-_STRAY = 1e-6
-"""Share of the joint limits by which the arm may be elsewhere than the last jerk must have led."""
+_logger = logging.getLogger("jssa_gym")
 
 
 class Verdict(NamedTuple):
@@ -67,40 +67,57 @@ class VerifiedStop:
         limits, n = robot.limits, robot.n
         self._bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
         self._levers = levers(robot)
+        # how far the arm may be from where it is expected [m]
+        self._astray = params.displacement(robot)
+        self._joints = JointMonitor(self._bounds, dt, params.tolerance_of(robot))
         self._stored, self._next = records(n, STOP), records(n, STOP)
-        self._expected, self._after = np.zeros((3, n)), np.zeros((3, n))
-        self._posture, self._fastest = np.zeros((3, n)), np.zeros(n)
+        self._after, self._posture, self._fastest = np.zeros((3, n)), np.zeros((3, n)), np.zeros(n)
         self._frames, self._segments = records(n, FRAME), records(len(robot.capsules), SEGMENT)
         self._agents, self._statics, self._planes = records(0, AGENT), records(0, AGENT), records(0, PLANE)
-        self._begin()
+        self._told = False
+        self.reset(None)
 
-    def _begin(self) -> None:
+    def reset(self, robot: Any) -> None:
+        """Forget the past; the arm is in the joint state ``robot``, or where the first usable reading will say."""
         self._monitor: HumanMonitor | None = None
         self._growth = self._touch = np.zeros(0)
-        self._time, self._tick, self._verified = math.nan, 0, False
-        # people's clock: the scene's, set forward where that one does not keep up with the ticks
-        self._seen, self._ahead, self._due = math.nan, 0.0, 0
+        self._clock = TickClock(self.dt)
+        self._fixtures: tuple[bytes, tuple[str, ...], tuple[str, ...]] | None = None
+        self._joints.reset(robot)
+        self._replan()
 
-    def reset(self, state: Array) -> None:
-        """Forget the past; the arm is in ``state`` (3, n)."""
-        self._begin()
-        self._replan(state)
+    def rebase(self, robot: Any) -> None:
+        """Take an arm that rests, but was moved by something else, to be where its reading says.
+
+        Raises:
+            ParameterError: The stop is not over yet, or the reading cannot be used, moves, or is outside the limits.
+        """
+        self._joints.rebase(robot)
+        self._replan()
 
     @property
     def verified(self) -> bool:
         """Whether the stored stop is verified, or the arm rests inside its limits."""
         return self._verified
 
-    def _replan(self, state: Array) -> None:
-        """Make the stop from ``state`` the stored one; nobody has verified it, unless there is nothing to stop."""
-        self._expected[:] = state
-        plan_stop(state, self._bounds, self.dt, self._stored)
-        self._tick = 0
-        still = np.zeros(self.robot.n)
-        self._verified = bool(np.all(np.abs(state[1:]) < REST)) and not violates(state, still, self._bounds, _ROUNDING)
+    @property
+    def expected(self) -> Array:
+        """Where the applied jerks have led since the reset, shape (3, n): what is planned from."""
+        return self._joints.expected
 
-    def watch(self, scene: Scene) -> Watch:
-        """What can be believed about the people; never raises."""
+    def _replan(self) -> None:
+        """Store a stop from the expected state; nobody has verified it, unless there is nothing to stop."""
+        state, still = self.expected, np.zeros(self.robot.n)
+        plan_stop(state, self._bounds, self.dt, self._stored)
+        make_plan_representable(self._stored, self._bounds)
+        self._tick = 0
+        self._verified = at_rest(state) and not violates(state, still, self._bounds, _ROUNDING)
+
+    def watch(self, scene: Scene | None) -> Watch:
+        """What can be believed about the people; never raises. Has to be asked once a tick."""
+        if scene is None:
+            self._clock.miss()
+            return Watch(nobody(), np.zeros(0), True, "there is no scene")
         if self._monitor is None:
             try:
                 names = scene.human.names
@@ -112,67 +129,88 @@ class VerifiedStop:
                     max_age=self.params.max_age,
                 )
             except Exception as error:  # whatever a perception system delivers, the arm must go on safely
-                return Watch(scene.human, np.zeros(0), True, f"the people cannot be read: {error}")
-        return self._monitor.update(self._clock(scene.time), scene.human, scene.age, scene.valid)
+                return Watch(nobody(), np.zeros(0), True, f"the people cannot be read: {error}")
+        return self._monitor.update(self._clock.read(scene.time), scene.human, scene.age, scene.valid)
 
-    def _clock(self, time: Any) -> Any:
-        """The scene's time, but never behind the ticks: people move on though a clock stands still."""
-        self._due += 1
-        try:
-            now = float(time)
-        except Exception:  # whatever a perception system delivers, the arm must go on safely
-            return time
-        # a reading that is none, or went back, does not count: the ticks since the last that does are still due
-        if now < self._seen or not math.isfinite(now):
-            return time
-        gap, due = now - self._seen, self.dt * self._due
-        self._seen, self._due = now, 0
-        if gap < due * (1.0 - 1e-6):
-            self._ahead += due - gap
-        return now + self._ahead
+    def follow(self, robot: Any, time: Any) -> str:
+        """Compare a reading of the joints with where the applied jerks must have led; what is wrong, or nothing.
 
-    def follow(self, state: Array, scene: Scene) -> str:
-        """Compare the arm with where the last jerk must have led; what is wrong, or nothing. Never raises.
-
-        Ticks in which no decision was made, as the clock has it, must have gone on with the stored stop. An arm that
-        is elsewhere gets a new stop from where it is, which is not verified; where only the clock is wrong the stored
-        one stays.
+        Never raises; has to be asked once a tick. Ticks in which no decision was made, as the clock has it, must have
+        gone on with the stored stop: a reading that agrees with that moves the expected state there, no other does.
         """
-        try:
-            time = float(scene.time)
-        except Exception:  # whatever a perception system delivers, the arm must go on safely
-            time = math.nan
-        late = (time - self._time) / self.dt
-        forward = math.isfinite(time) and not late <= 0.0
-        self._time = time if forward else self._time + self.dt
-        due = max(round(min(late, 1e4)), 1) if forward and late > 0.0 else 1
-        for passed in range(1, due + 1):
-            if not deviates(state, self._expected, self._bounds, _STRAY):
-                if passed == due or np.all(np.abs(state[1:]) < REST):
-                    return ""
-                return "the clock leapt ahead of the arm"
-            self._advance()
-        self._replan(state)
-        return "the joint state is not where the last jerk led"
+        joints = self._joints
+        begun = joints.begun
+        reading = joints.read(robot, time)
+        if not begun or (self._tick and self._tick >= stop_length(self._stored) and not at_rest(self.expected)):
+            # there is a first reading, or a stop that nobody verified did not end in rest
+            self._replan()
+        leapt = False
+        if reading.state is not None and reading.late > 0:
+            leapt = not self._catch_up(reading.state, reading.late)
+        wrong = joints.judge(reading)
+        if wrong and joints.persistent and not self._told:
+            self._told = True
+            _logger.warning(
+                "The arm is not where the applied jerks lead, again and again (%s): something else moves it, or its "
+                "readings are not those of the commanded state. The shield keeps braking. jssa_gym.check_env(env) "
+                "names what is wrong with an environment; FailsafeParams(state_tolerance=...) is for measured states.",
+                wrong,
+            )
+        joints.remember()
+        return wrong or ("the clock leapt ahead of the arm" if leapt else "")
 
-    def _advance(self) -> Array:
-        """The stored stop's next jerk; the arm is taken to follow it."""
+    def _catch_up(self, seen: Array, late: int) -> bool:
+        """Whether an arm went on with the stored stop for ``late`` ticks without a decision; ``seen`` (3, n) tells."""
+        joints, state = self._joints, self.expected.copy()
+        left = max(stop_length(self._stored) - self._tick, 0)
+        for passed in range(min(late, left + 1) + 1):
+            if joints.agrees(seen, state):
+                self._tick += passed
+                self.expected[:] = state
+                return passed == late or at_rest(state)
+            self._stop_from(state, self._tick + passed)
+        return True
+
+    def _stop_from(self, state: Array, tick: int) -> Array:
+        """The stored stop's jerk at one of its ticks, applied to ``state`` (3, n)."""
         jerk = np.empty(self.robot.n)
-        stop_jerk(self._stored, self._tick, jerk)
-        integrate(self._expected, jerk, self.dt, self._expected)
+        stop_jerk(self._stored, tick, jerk)
+        integrate(state, jerk, self.dt, state)
+        return jerk
+
+    def stop(self) -> Array:
+        """Go on with the stored stop: its next jerk, shape (n,) [rad/s³]."""
+        jerk = self._stop_from(self.expected, self._tick)
         self._tick += 1
         return jerk
 
-    def stop(self, blind: bool) -> Array:
-        """Go on with the stored stop: its next jerk, shape (n,) [rad/s³]; ``blind`` if :meth:`follow` was not asked."""
-        if blind:
-            self._time += self.dt
-            self._due += 1
-        return self._advance()
+    def take_fixtures(self, scene: Scene) -> str:
+        """Take down the static agents for :meth:`confirm`; what is wrong with them, or nothing. Never raises."""
+        try:
+            static, planes = plain_capsules(scene.static), scene.planes
+            normal, offset = np.asarray(plain(planes.normal), float), np.asarray(plain(planes.offset), float)
+            names = tuple(planes.names), tuple(static.names)
+            self._statics = records_for(static, self._statics)
+            if normal.shape != (len(offset), 3):
+                raise ValueError(f"{len(offset)} half-spaces with normals of shape {normal.shape}")
+            if (len(offset), len(static.radius)) != (len(names[0]), len(names[1])):
+                raise ValueError(f"half-spaces and static capsules have the names {names}")
+        except Exception as error:  # whatever static agents a scene has, the arm must go on safely
+            return str(error)
+        if len(self._planes) != len(offset):
+            self._planes = records(len(offset), PLANE)
+        if not load_fixtures(static.start, static.end, static.radius, normal, offset, self._statics, self._planes):
+            return "a static capsule or half-space is not finite, a radius not positive, or a normal no unit vector"
+        # what stands still does not come and go
+        fixtures = self._planes.tobytes(), *names
+        if self._fixtures is None:
+            self._fixtures = fixtures
+        if fixtures == self._fixtures:
+            return ""
+        changed = "static capsules" if fixtures[:2] == self._fixtures[:2] else "half-spaces"
+        return f"the {changed} are not those of the beginning"
 
-    def confirm(
-        self, scene: Scene, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]
-    ) -> Verdict:
+    def confirm(self, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]) -> Verdict:
         """The wanted jerk (n,) if its stop is verified; else half way to the stored stop's; else the stored stop's.
 
         What stands in the way concerns one capsule, and only the joints that carry it. Before all joints are slowed
@@ -180,23 +218,13 @@ class VerifiedStop:
         shall not keep the arm from folding away.
 
         Args:
-            scene: The present; of it the static agents are read. Raises if they cannot be.
             state: Shape (3, n).
             wanted: Shape (n,) [rad/s³], finite.
             watch: The people, from :meth:`watch`, without a fault.
             amend: Called with a number of joints, counted from the base, and the stored stop's jerk (n,); the jerk
                 wanted if those joints have to go on with that.
         """
-        static, planes, people = scene.static, scene.planes, watch.human
-        self._statics = records_for(static, self._statics)
-        if planes.normal.shape != (len(planes.offset), 3):
-            raise ValueError(f"{len(planes.offset)} half-spaces with normals of shape {planes.normal.shape}")
-        if len(self._planes) != len(planes.offset):
-            self._planes = records(len(planes.offset), PLANE)
-        if not load_fixtures(
-            static.start, static.end, static.radius, planes.normal, planes.offset, self._statics, self._planes
-        ):
-            raise ValueError("a static capsule or half-space is not finite, or a normal is no unit vector")
+        people = watch.human
         self._agents, params, n = records_for(people, self._agents), self.params, self.robot.n
         jerk, halt, reach = np.empty(n), np.empty(n), np.empty(len(self._agents))
         load_people(
@@ -206,12 +234,12 @@ class VerifiedStop:
             self._growth,
             watch.age,
             params.actuation_lag,
-            params.position_error + params.tracking_error,
+            params.position_error + self._astray,
             self._agents,
             reach,
         )
         which, code, row, column, moment = self._choose(state, wanted, reach, jerk)
-        reason = self._describe(code, row, column, moment, scene, people)
+        reason = self._describe(code, row, column, moment, people)
         carried = int(self.robot.capsules[row]["link"]) + 1 if row >= 0 else n
         proposed = which == 0
         if not proposed:
@@ -226,7 +254,7 @@ class VerifiedStop:
         else:
             self._stored, self._next = self._next, self._stored
             self._tick, self._verified = 0, True
-        self._expected, self._after = self._after, self._expected
+        self.expected[:] = self._after
         return Verdict(jerk, proposed, reason, self._verified)
 
     def _choose(self, state: Array, wanted: Array, reach: Array, jerk: Array) -> tuple[int, int, int, int, float]:
@@ -248,7 +276,7 @@ class VerifiedStop:
             self._touch,
             self._statics,
             self._planes,
-            self.params.tracking_error,
+            self._astray,
             jerk,
             self._after,
             self._next,
@@ -258,7 +286,7 @@ class VerifiedStop:
             self._segments,
         )
 
-    def _describe(self, code: int, row: int, column: int, moment: float, scene: Scene, people: CapsuleSet) -> str:
+    def _describe(self, code: int, row: int, column: int, moment: float, people: CapsuleSet) -> str:
         if code == 0:
             return ""
         if code == LIMITS:
@@ -266,12 +294,13 @@ class VerifiedStop:
         if row < 0:
             return "its stop takes too many checks"
         part, when = self.robot.capsule_names[row], f"{moment:.3f} s"
+        _, planes, statics = self._fixtures or (b"", (), ())
         if code == REACH:
             return f"{people.names[column]} can reach {part} before it rests, in {when}"
         if code == HALF_SPACE:
-            return f"{part} would meet {scene.planes.names[column]} in {when}"
+            return f"{part} would meet {planes[column]} in {when}"
         if code == STATIC:
-            return f"{part} would meet {scene.static.names[column]} in {when}"
+            return f"{part} would meet {statics[column]} in {when}"
         if code == SELF:
             return f"{part} would meet {self.robot.capsule_names[column]} in {when}"
         raise ValueError(f"unknown code {code}")

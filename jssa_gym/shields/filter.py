@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.contact import unsound
-from jssa_gym.kernels.motion import brake, integrate
+from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.kernels.projection import clip
 from jssa_gym.kernels.records import AGENT, records
 from jssa_gym.kernels.tick import take_in, unfit
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.proximity import records_for
+from jssa_gym.safety.monitor import Watch
+from jssa_gym.safety.proximity import plain, plain_capsules, records_for
 from jssa_gym.shields.failsafe import Verdict, VerifiedStop
-from jssa_gym.shields.reasons import FAULTS, UNFIT
+from jssa_gym.shields.reasons import FAULTS, NO_SCENE, UNFIT
 from jssa_gym.types import Array, Decision, JointState, Scene, Status
 from jssa_gym.validation import positive_number
 
@@ -102,14 +103,28 @@ class SafetyFilter(ABC):
         except Exception:  # decide() will say what is wrong
             self._state[:] = 0.0
         if self._guard is not None:
-            self._guard.reset(self._state)
+            self._guard.reset(getattr(scene, "robot", None))
+
+    def rebase(self, scene: Scene) -> None:
+        """Take an arm that rests, but was moved by something else, to be where ``scene`` says.
+
+        For an arm that was moved by hand, say, while the shield kept it at rest because its joint state was not where
+        the applied jerks had led. A filter without a verified stop reads the arm in every step and needs none of this.
+
+        Raises:
+            ParameterError: The arm moves, by what the shield or the scene knows, or is outside its limits.
+        """
+        if self._guard is not None:
+            self._guard.rebase(scene.robot)
 
     def decide(self, scene: Scene | None, nominal: Array) -> Decision:
         """The jerk to apply in this step.
 
-        Never raises for bad numbers: a non-finite nominal or measurement, a missing one, a scene that does not fit
-        or is None, and a filter that fails or answers outside the box end in :attr:`Status.FAULT` with the reason in
-        the decision: the stored stop goes on or, without a verified stop, the arm brakes.
+        Never raises for bad numbers: a non-finite nominal or measurement, a missing one, a joint state that is not
+        where the applied jerks have led, a scene that does not fit or is None, and a filter that fails or answers
+        outside the box end in :attr:`Status.FAULT` with the reason in the decision: the stored stop goes on or, without
+        a verified stop, the arm brakes. With a verified stop the arm is taken to be where the applied jerks have led,
+        not where it is read.
 
         Args:
             scene: The present.
@@ -119,53 +134,56 @@ class SafetyFilter(ABC):
             InvalidActionError: ``nominal`` has another shape or is not made of real numbers.
         """
         nominal = checked_action(nominal, self.robot.n)
-        guard, watch = self._guard, None
         try:
-            # kernels do not look at shapes: everything is compared before they see it
+            return self._decide(scene, nominal)
+        except Exception as error:  # kernels, not the scene: those are looked at where they are read
+            _logger.exception("the control step failed; the arm brakes")
+            return self._brake(nominal, f"the control step failed: {type(error).__name__}: {error}")
+
+    def _decide(self, scene: Scene | None, nominal: Array) -> Decision:
+        guard, watch, astray = self._guard, None, ""
+        if guard is not None:
+            astray, watch = self._watch(guard, scene)
+            if astray or watch.fault:
+                reason = astray or watch.reason
+                return self._brake(nominal, reason if np.isfinite(nominal).all() else FAULTS[1])
+        try:
+            # kernels look neither at shapes nor at types: everything is compared before they see it
             if scene is None:
                 raise ValueError("there is no scene")
-            arm, human, valid, shape = scene.robot, scene.human, scene.valid, nominal.shape
-            if arm.position.shape != shape or arm.velocity.shape != shape or arm.acceleration.shape != shape:
-                raise ValueError(f"the joint state does not have shape {shape}")
-            if guard is not None:
-                watch = guard.watch(scene)
-                if watch.fault:
-                    return self._blind(scene, nominal, watch.reason)
+            if guard is None or watch is None:
+                self._read_state(scene.robot)
+                human, valid = plain_capsules(scene.human), plain(scene.valid)
+            else:
+                self._incoming[:] = guard.expected
                 human, valid = watch.present(), self._valid
                 if len(valid) != len(watch.age):
                     self._valid = valid = np.ones(len(watch.age), np.bool_)
             self._agents = agents = records_for(human, self._agents)
             if valid.shape != human.radius.shape or valid.dtype != np.bool_:
                 raise ValueError(f"valid has shape {valid.shape} for {len(agents)} capsules")
-            fault, inside, room = take_in(
-                arm.position,
-                arm.velocity,
-                arm.acceleration,
-                human.start,
-                human.end,
-                human.start_velocity,
-                human.end_velocity,
-                human.radius,
-                valid,
-                nominal,
-                self._bounds,
-                self.dt,
-                self.viability,
-                self._incoming,
-                agents,
-                self.lower,
-                self.upper,
-                self._clipped,
-            )
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
             return self._blind(scene, nominal, f"the scene does not fit: {error}")
+        fault, inside, room = take_in(
+            human.start,
+            human.end,
+            human.start_velocity,
+            human.end_velocity,
+            human.radius,
+            valid,
+            nominal,
+            self._bounds,
+            self.dt,
+            self.viability,
+            self._incoming,
+            agents,
+            self.lower,
+            self.upper,
+            self._clipped,
+        )
         if fault:
-            return self._fault(scene, nominal, FAULTS[fault], readable=fault != 2)
+            return self._fault(nominal, FAULTS[fault], readable=fault != 2)
         self._state, self._incoming = self._incoming, self._state
-        if guard is not None:
-            astray = guard.follow(self._state, scene)
-            if astray:
-                return self._brake(nominal, astray)
         try:
             decision = self._filter(scene, self._state, agents, nominal, inside) if room else self._cornered(nominal)
             jerk = decision.jerk
@@ -179,17 +197,35 @@ class SafetyFilter(ABC):
             return self._brake(nominal, decision.reason)
         if wrong:
             return self._brake(nominal, UNFIT[wrong])
+        if decision.status != Status.NOMINAL:
+            # what is verified is what an environment integrates: a share of the bound, times the bound
+            decision = decision._replace(jerk=self._representable(jerk))
         if guard is not None and watch is not None:
-            try:
-                verdict = guard.confirm(
-                    scene, self._state, jerk, watch, lambda held, halt: self._spare(decision, held, halt)
-                )
-            except Exception as error:  # whatever static agents a scene has, the arm must go on safely
-                return self._brake(nominal, f"the scene does not fit: {error}")
+            if reason := guard.take_fixtures(scene):
+                return self._brake(nominal, f"the scene does not fit: {reason}")
+            verdict = guard.confirm(
+                self._state, decision.jerk, watch, lambda held, halt: self._spare(decision, held, halt)
+            )
             if not verdict.proposed:
                 decision = self._overruled(decision, verdict)
         self._applied[:] = decision.jerk
         return decision
+
+    def _watch(self, guard: VerifiedStop, scene: Scene | None) -> tuple[str, Watch]:
+        """What is wrong with the arm's reading, and what can be believed about the people; once a tick."""
+        robot = time = None
+        if scene is not None:
+            try:
+                robot, time = scene.robot, scene.time
+            except Exception as error:  # whatever a perception system delivers, the arm must go on safely
+                _logger.debug("no joint state: %s", error)
+        astray = guard.follow(robot, time)
+        return astray if scene is not None else NO_SCENE, guard.watch(scene)
+
+    def _representable(self, jerk: Array) -> Array:
+        jerk = jerk.copy()
+        make_representable(jerk, self._bounds[4])
+        return jerk
 
     def _spare(self, decision: Decision, held: int, halt: Array) -> Array:
         try:
@@ -199,7 +235,7 @@ class SafetyFilter(ABC):
         except Exception:  # whatever a filter runs into, the arm must go on safely
             _logger.exception("the filter failed to spare joints; all follow the stored stop")
             return halt
-        return jerk
+        return self._representable(jerk)
 
     def _amended(self, decision: Decision, held: int, halt: Array) -> Array:
         """The jerk to apply if the first ``held`` joints have to follow the stored stop's, ``halt`` (n,)."""
@@ -247,14 +283,14 @@ class SafetyFilter(ABC):
                 raise ValueError("there is no scene")
             self._read_state(scene.robot)
         except Exception as worse:
-            return self._fault(scene, nominal, f"the joint state cannot be read: {worse}", readable=False)
+            return self._fault(nominal, f"the joint state cannot be read: {worse}", readable=False)
         fault = unsound(self._incoming, nominal, self._none)
-        return self._fault(scene, nominal, FAULTS[fault] if fault else reason, readable=fault != 2)
+        return self._fault(nominal, FAULTS[fault] if fault else reason, readable=fault != 2)
 
     def _read_state(self, robot: JointState) -> None:
         shape = (self.robot.n,)
         for row, values in enumerate((robot.position, robot.velocity, robot.acceleration)):
-            if values.shape != shape:
+            if plain(values).shape != shape:
                 raise ValueError(f"it has shape {values.shape}, expected {shape}")
             self._incoming[row] = values
 
@@ -276,24 +312,26 @@ class SafetyFilter(ABC):
         """The jerk when nothing else is known to be good: brakes as fast as the jerk bounds allow, shape (n,)."""
         jerk, bound = np.empty(self.robot.n), self._bounds[4]
         brake(state, -bound, bound, self.dt, jerk)
+        make_representable(jerk, bound)
         return jerk
 
-    def _fault(self, scene: Scene | None, nominal: Array, reason: str, readable: bool = True) -> Decision:
+    def _fault(self, nominal: Array, reason: str, readable: bool = True) -> Decision:
         """Brake on bad input: from the state just read or, unreadable, from where the last jerk must have led."""
-        if readable and scene is not None:
+        if readable:
             self._state, self._incoming = self._incoming, self._state
-            if self._guard is not None:
-                astray = self._guard.follow(self._state, scene)
-                reason = f"{reason}; {astray}" if astray else reason
         else:
             integrate(self._state, self._applied, self.dt, self._state)
-        return self._brake(nominal, reason, blind=not readable)
+        return self._brake(nominal, reason)
 
-    def _brake(self, nominal: Array, reason: str, blind: bool = False) -> Decision:
+    def _brake(self, nominal: Array, reason: str) -> Decision:
         guard = self._guard
-        if guard is not None and not guard.verified:
-            reason = f"{reason}; no verified stop"
-        jerk = self.fallback(self._state) if guard is None else guard.stop(blind)
+        if guard is None:
+            jerk = self.fallback(self._state)
+        else:
+            if not guard.verified:
+                reason = f"{reason}; no verified stop"
+            self._state[:] = guard.expected
+            jerk = guard.stop()
         # a state beyond all bounds can overflow; then at least nothing is added
         jerk = np.where(np.isfinite(jerk), jerk, 0.0)
         self._applied[:] = jerk

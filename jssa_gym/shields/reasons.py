@@ -21,6 +21,9 @@ UNFIT = (
 )
 """Of the answer, by the number of :func:`~jssa_gym.kernels.tick.unfit`."""
 
+NO_SCENE = "the joint state cannot be read: there is no scene"
+"""Of a tick in which a perception system delivered nothing at all."""
+
 OUTSIDE = "outside the jerk bounds"
 """Of a decision that only clipped the nominal to the jerk bounds."""
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import InterfaceError, ParameterError
-from jssa_gym.kernels.motion import scale_nominal
+from jssa_gym.kernels.motion import scale_nominal, to_shares
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.action import checked_action
+from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.filter import SafetyFilter
@@ -45,9 +45,9 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     The environment, ours or not, has to offer ``robot``, ``dt`` and ``scene``, anywhere in its wrapper chain, and
     take actions in [-1, 1]: fractions of the robot's jerk bounds, one a control step. Wrappers inside that change,
-    repeat or drop actions are refused, see :func:`~jssa_gym.shields.wrappers.refuse_other_actions`. Actions that the
-    filter leaves alone are forwarded untouched, as the very object the policy gave; others as float64, since rounding
-    to float32 can break a row.
+    repeat or drop actions are refused, see :func:`~jssa_gym.shields.wrappers.refuse_other_actions`. An action is read
+    once; one that the filter leaves alone is forwarded as a copy, equal in values and type; others as float64, since
+    rounding to float32 can break a row. Shares times bounds are the jerks that were decided, to the bit.
 
     Keys added to ``info`` after ``step``: ``shield/status`` (int, see :class:`~jssa_gym.types.Status`),
     ``shield/reason`` (str), ``shield/intervened`` (bool), ``shield/phi`` [m²], ``shield/correction`` (largest change
@@ -101,6 +101,20 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self.filter.reset(scene)
         return observation, info
 
+    def rebase(self) -> None:
+        """Take an arm that rests, but was moved by something else, to be where the scene says.
+
+        Where the arm is not where the applied jerks have led, the shield keeps it at rest until ``reset``, or this.
+
+        Raises:
+            ParameterError: The arm moves, by what the shield or the scene knows, or is outside its limits.
+            InterfaceError: There is no scene.
+        """
+        scene = self._scene()
+        if scene is None:
+            raise InterfaceError("there is no scene to take the arm's place from")
+        self.filter.rebase(scene)
+
     def _scene(self) -> Scene | None:
         """The present, or None if it cannot be had: the filter answers that."""
         try:
@@ -117,6 +131,8 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         Raises:
             InvalidActionError: Wrong shape or type, before anything moved.
         """
+        # read once: what is checked, copied, is what is applied
+        action = taken_action(action, self._n)
         fraction = checked_action(action, self._n)
         nominal = np.empty(self._n)
         scale_nominal(fraction, self._jerk_bound, nominal)
@@ -124,10 +140,10 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self.last_decision = decision
         correction = 0.0
         if decision.status != Status.NOMINAL:
-            applied = decision.jerk / self._jerk_bound
+            action = np.empty(self._n)
+            to_shares(decision.jerk, self._jerk_bound, action)
             with np.errstate(invalid="ignore"):  # a signalling NaN in the action warns
-                correction = float(np.abs(applied - fraction).max())
-            action = applied
+                correction = float(np.abs(action - fraction).max())
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._report(info, decision, correction)
         return observation, reward, terminated, truncated, info

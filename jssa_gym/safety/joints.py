@@ -1,0 +1,251 @@
+"""What a shield believes about its own arm: where the jerks that it applied must have led, not what is read."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.kernels.joints import AGREES, ASTRAY, FROZEN, LAGS, deviates, judge_joints
+from jssa_gym.types import Array
+
+AGREEMENTS = 5
+"""After a reading that was wrong, so many in a row have to be right before they are believed again: twice as many
+each time that happens anew."""
+
+_FORGIVEN = 125
+"""After so many readings in a row that were believed, what was wrong before does not count any more."""
+
+_PERSISTENT = 10
+"""Readings in a row that were wrong, from which on something is wrong for good."""
+
+_RELAPSES = 5
+"""Times that readings were believed again and were wrong again, likewise."""
+
+_REMEMBERED = 32
+"""Ticks by which a reading may lag and still be told so."""
+
+_AT_REST = 1e-6
+"""Speed [rad/s] and acceleration [rad/s²] of joints below which they rest: what rounding leaves."""
+
+WRONG = {
+    FROZEN: "the joint state is frozen: the same again though the arm has moved",
+    ASTRAY: "the joint state is not where the last jerk led",
+}
+AGAIN = "the joint state is where the last jerk led again, but not for long enough to be believed"
+
+
+def at_rest(state: Array) -> bool:
+    """Whether a joint state (3, n) rests, up to rounding."""
+    return bool(np.abs(state[1:]).max(initial=0.0) < _AT_REST)
+
+
+class Reading(NamedTuple):
+    """One tick's joint state and clock as they were delivered."""
+
+    state: Array | None
+    """Shape (3, n) [rad, rad/s, rad/s²]; None if it cannot be used at all."""
+    late: int
+    """Ticks, beyond this one, that have passed by the clock since the last reading of it."""
+    reason: str
+    """What is wrong with the form of the state, or with the clock; empty if nothing is."""
+
+
+class JointMonitor:
+    """Believes a joint state only if the applied jerks must have led there.
+
+    The expected state is dead-reckoned from the applied jerks since :meth:`reset` (the first reading that can be used
+    is where it begins) and never corrected by a reading: deviations add up until they are seen. In every tick a
+    reading is
+
+    =========================================================  =================================================
+    not an array of the right shape, masked, of single         not believed
+    precision where the tolerance is 0, or not finite
+    of a clock that stands still, went back or is not finite   not believed: it may be of another tick
+    the one before, bit for bit, though the arm has moved      wrong
+    that of some ticks ago                                     wrong; until the clock has caught up, if it lags too
+    elsewhere than expected by more than the tolerance         wrong
+    anything else                                              believed
+    =========================================================  =================================================
+
+    After a wrong one :data:`AGREEMENTS` in a row have to be right before they are believed again, and twice as many
+    each time that happens anew. What disagrees for good, however little, is never believed until :meth:`reset` or
+    :meth:`rebase`.
+
+    Args:
+        bounds: Rows lower and upper position, velocity, acceleration and jerk limits, shape (5, n).
+        dt: Control step [s].
+        tolerance: How far a reading may be from the expected state, shape (3, n) [rad, rad/s, rad/s²]; inf for
+            what is not measured. To each a billionth of its limit is added for rounding.
+    """
+
+    def __init__(self, bounds: Array, dt: float, tolerance: Array) -> None:
+        n = bounds.shape[1]
+        self.bounds, self.dt, self.tolerance = bounds, dt, tolerance
+        self.expected = np.zeros((3, n))
+        """Where the arm is, as far as the applied jerks tell, shape (3, n)."""
+        self._exact = bool(np.any(tolerance == 0.0))
+        self._reading, self._last, self._anchor = (np.zeros((3, n)) for _ in range(3))
+        self._past = np.zeros((_REMEMBERED, 3, n))
+        self.reset(None)
+
+    def reset(self, robot: Any) -> None:
+        """Forget the past; the arm is where ``robot`` says or, if that cannot be used, the first reading that can."""
+        self.begun = False
+        self.expected[:] = 0.0
+        self._time, self._ticks = math.nan, 0
+        self._forget()
+        if not self._take(robot):
+            self._begin()
+
+    def _forget(self) -> None:
+        """What was wrong with readings, and what they were."""
+        self._last[:] = self._anchor[:] = self._past[:] = np.nan
+        self._newest, self._late = 0, 0
+        # how many readings have to be right before they are believed again; how many were wrong in a row, and believed;
+        # how often they were wrong after they had been believed
+        self._missing, self._wrong, self._believed, self._lapses = 0, 0, 0, 0
+        # ticks by which the clock is ahead of the control steps, at most until now, and what a lag asks it to reach
+        self._offset, self._fastest, self._due = 0.0, -math.inf, -math.inf
+
+    def _begin(self) -> None:
+        # an episode begins at rest as far as can be told: noise in a velocity must not be reckoned with for good
+        self.expected[0] = self._reading[0]
+        if not self.agrees(self._reading, self.expected):
+            self.expected[:] = np.where(self.tolerance < np.inf, self._reading, 0.0)
+        self.begun = True
+
+    def read(self, robot: Any, time: Any) -> Reading:
+        """Take down what is delivered in this tick; never raises, whatever it is."""
+        self._ticks += 1
+        clock, reason = self._date(time), self._take(robot)
+        if reason:
+            return Reading(None, self._late, reason)
+        if not self.begun:
+            self._begin()
+        return Reading(self._reading, self._late, clock)
+
+    def _take(self, robot: Any) -> str:
+        """Into ``self._reading``; why that is impossible, or nothing."""
+        shape = self.expected.shape[1:]
+        try:
+            for row, values in enumerate((robot.position, robot.velocity, robot.acceleration)):
+                if values.shape != shape:
+                    raise ValueError(f"it has shape {values.shape}, expected {shape}")
+                if isinstance(values, np.ma.MaskedArray):
+                    raise ValueError("it is masked")
+                if self._exact and values.dtype.kind == "f" and values.dtype.itemsize < 8:
+                    raise ValueError(f"it is {values.dtype}, which without a state_tolerance has to be float64")
+                self._reading[row] = values
+        except Exception as error:  # whatever a driver delivers, the arm must go on safely
+            return f"the joint state cannot be read: {error}"
+        finite = np.isfinite(self._reading)
+        return "" if finite.all() or (finite | (self.tolerance == np.inf)).all() else "joint state is not finite"
+
+    def _date(self, time: Any) -> str:
+        """Compare the clock with the ticks; what is wrong with it."""
+        try:
+            now = float(time)
+        except Exception as error:  # whatever a clock delivers, the arm must go on safely
+            return f"the clock cannot be read: {error}"
+        if not math.isfinite(now):
+            return f"the time is {now}"
+        # only the very first reading has none before it
+        if now < self._time:
+            return f"the clock went back from {self._time:g} s to {now:g} s"
+        if now == self._time:
+            return f"the clock stands still at {now:g} s: the joint state is not of this tick"
+        passed = 1.0 if math.isnan(self._time) else (now - self._time) / self.dt
+        # rounded to ticks, and no more than a day of them
+        self._late += max(round(min(passed, 1e7)), 1) - self._ticks if passed > 1.0 else 0
+        self._late = max(self._late, 0)
+        self._offset += passed - self._ticks
+        self._fastest = max(self._fastest, self._offset)
+        self._time, self._ticks = now, 0
+        return ""
+
+    def agrees(self, state: Array, expected: Array) -> bool:
+        """Whether a reading (3, n) is within the tolerance of an expected state (3, n)."""
+        return not deviates(state, expected, self.bounds, self.tolerance)
+
+    def judge(self, reading: Reading) -> str:
+        """Compare a reading with the expected state; why it is not believed, or nothing."""
+        if reading.state is None:
+            return self._unbelieved(reading.reason)
+        code = judge_joints(
+            reading.state,
+            self.expected,
+            self._last,
+            self._anchor,
+            self._past,
+            self._newest,
+            self.bounds,
+            self.tolerance,
+        )
+        if code != AGREES:
+            if not self._missing:
+                self._lapses += 1
+            self._wrong += 1
+            self._missing = self._asked
+            return self._unbelieved(WRONG[code] if code in WRONG else self._lagging(code - LAGS + 1))
+        self._wrong, self._late = 0, 0
+        if reading.reason:
+            return self._unbelieved(reading.reason)
+        if self._offset < self._due:
+            return self._unbelieved(self._lagging(math.ceil(self._due - self._offset)))
+        self._due = -math.inf
+        if self._missing:
+            self._missing -= 1
+        if self._missing:
+            return AGAIN
+        self._believed += 1
+        if self._believed >= _FORGIVEN:
+            self._lapses = 0
+        return ""
+
+    @property
+    def _asked(self) -> int:
+        """How many readings have to be right in a row, once they were wrong."""
+        return AGREEMENTS << min(max(self._lapses - 1, 0), 20)
+
+    def _unbelieved(self, reason: str) -> str:
+        self._believed = 0
+        if self._missing:
+            self._missing = self._asked
+        return reason
+
+    @property
+    def persistent(self) -> bool:
+        """Whether readings are wrong for so long, or so often, that it is no accident."""
+        return self._wrong >= _PERSISTENT or self._lapses >= _RELAPSES
+
+    def _lagging(self, ticks: int) -> str:
+        # where the clock shows the same lag, it has to catch up too: an arm at rest looks the same at all times
+        if self._offset <= self._fastest - ticks + 0.5:
+            self._due = max(self._due, self._offset + ticks - 0.5)
+        return f"the joint state lags by {ticks} tick{'s' if ticks > 1 else ''}"
+
+    def remember(self) -> None:
+        """Keep what is expected now, before a jerk is applied."""
+        self._newest = (self._newest + 1) % _REMEMBERED
+        self._past[self._newest] = self.expected
+
+    def rebase(self, robot: Any) -> None:
+        """Take a resting arm to be where its reading says; what was wrong is forgotten.
+
+        Raises:
+            ParameterError: The arm is expected to move still, or the reading cannot be used, moves, or is outside the
+                position limits.
+        """
+        if not at_rest(self.expected):
+            raise ParameterError("the arm is still braking: rebase it when it rests")
+        if wrong := self._take(robot):
+            raise ParameterError(wrong)
+        position = self._reading[0]
+        still = np.array([position, np.zeros_like(position), np.zeros_like(position)])
+        if not self.agrees(self._reading, still):
+            raise ParameterError(f"the arm moves, at {self._reading[1]} rad/s: rebase it when it rests")
+        if not np.all((self.bounds[0] <= position) & (position <= self.bounds[1])):
+            raise ParameterError(f"the arm is outside its position limits, at {position} rad")
+        self.expected[:] = still
+        self._forget()
