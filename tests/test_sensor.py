@@ -511,7 +511,7 @@ def test_a_shield_lives_with_every_fault(name, failsafe):
         assert np.isfinite(info["jerk"]).all()
         # the shield reads what the sensor shows; only the verified stop can do without a measurement for a while
         if FAULTS[name].joints:
-            pass  # what an arm is believed to do is tried below, and in campaigns
+            pass  # the next test
         elif not failsafe:
             assert (info["shield/status"] == Status.FAULT) == (not shown.valid.all())
         elif shown.valid.all() and (shown.age == 0.0).all() and FAULTS[name].reported:
@@ -520,6 +520,31 @@ def test_a_shield_lives_with_every_fault(name, failsafe):
     never = FAULTS[name].missing or (failsafe and FAULTS[name].latency >= 0.2)
     if not FAULTS[name].joints:
         assert seen == {Status.FAULT} if never else Status.NOMINAL in seen
+
+
+@pytest.mark.parametrize("name", JOINTS)
+def test_a_shield_notices_every_wrong_joint_state_and_stays_inside_the_limits(name):
+    sensor = SensorModel(gym.make("jssa_gym/Home-v0", human="walk_by", terminate_on=()), name)
+    env = jssa_gym.JSSAShield(sensor, failsafe={"position_error": sensor.faults.noise})
+    env.reset(seed=3)
+    limits, rng, wrong, faults = sensor.unwrapped.robot.limits, np.random.default_rng(0), 0, 0
+    low, high = limits.position.T
+    scale = np.array([high - low, limits.velocity, limits.acceleration])
+    for _ in range(400):
+        read, truth = sensor.scene, sensor.unwrapped.scene
+        off = np.abs((np.array(read.robot) - np.array(truth.robot)) / scale).max() > 2e-9 or read.time != truth.time
+        *_, info = env.step(rng.uniform(-1.0, 1.0, 6))
+        assert not info["limit_violation"]
+        if off:
+            assert info["shield/status"] == Status.FAULT
+        wrong, faults = wrong + off, faults + (info["shield/status"] == Status.FAULT)
+    assert wrong > 0
+    if name in ("noisy joints", "drift", "late scene"):
+        # for good: at rest
+        assert faults == 399
+        assert np.abs(sensor.unwrapped.scene.robot.velocity).max() < 1e-6
+    else:
+        assert faults < 390
 
 
 def test_gymnasium_finds_nothing_to_complain_about():

@@ -163,12 +163,12 @@ FAULTS: dict[str, SensorFaults] = {
     "late scene": SensorFaults(lag=1.0, lag_ticks=1000),
     "stale scene": SensorFaults(freeze_scene=0.01, freeze_scene_ticks=50),
     "rare joint faults": SensorFaults(
-        joint_freeze=0.002,
+        joint_freeze=0.005,
         joint_freeze_ticks=3,
-        joint_glitch=0.002,
-        lag=0.002,
+        joint_glitch=0.005,
+        lag=0.005,
         lag_ticks=3,
-        freeze_scene=0.002,
+        freeze_scene=0.005,
         freeze_scene_ticks=3,
     ),
     "people and joints": SensorFaults(
