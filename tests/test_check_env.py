@@ -273,6 +273,32 @@ def test_a_wrong_motion_is_told_by_name(toy_robot, kind):
         check_env(kind(toy_robot))
 
 
+class Tacho(Arm):
+    """Measures positions alone."""
+
+    def report(self):
+        noise = np.random.default_rng(self.ticks).uniform(-1e-4, 1e-4, 3)
+        return JointState((self.state[0] + noise).astype(np.float32), np.full(3, np.nan), np.full(3, np.nan))
+
+
+class Noisy(Arm):
+    def report(self):
+        return JointState(*(self.state + np.random.default_rng(self.ticks).uniform(-1e-4, 1e-4, (3, 3))))
+
+
+def test_measured_states_are_no_error_within_the_tolerance(toy_robot):
+    for kind, tolerance in ((Noisy, (3e-4, 1e-3, 1e-3)), (Tacho, (3e-4, np.inf, np.inf))):
+        report = check_env(kind(toy_robot), params=jssa_gym.FailsafeParams(state_tolerance=tolerance))
+        assert [finding.severity for finding in report.findings] == ["warning"]
+        assert "within state_tolerance" in str(report)
+        with pytest.raises(InterfaceError):
+            check_env(kind(toy_robot))
+        # a tolerance forgives no more than itself
+        small = jssa_gym.FailsafeParams(state_tolerance=(5e-5, *tolerance[1:]))
+        with pytest.raises(InterfaceError):
+            check_env(kind(toy_robot), params=small)
+
+
 def test_wrappers_that_change_actions_are_found():
     inner = gym.make("jssa_gym/Home-v0", human="none")
     for wrapped, name in (

@@ -137,9 +137,10 @@ def _findings(env: gym.Env, params: FailsafeParams, ticks: int, seed: int) -> It
     seen = [*_scenes(first, robot, float(dt), params)]
     yield from seen
     for number, run in enumerate((first, second)):
-        yield from _reset(run, robot, ("", " the second time")[number])
+        yield from _reset(run, robot, params, ("", " the second time")[number])
     # what the types say already needs not be said of the values
-    yield from (one for one in _motion(first, robot, float(dt), actions) if one.name not in {s.name for s in seen})
+    moved = _motion(first, robot, float(dt), params, actions)
+    yield from (one for one in moved if one.name not in {s.name for s in seen})
     yield from _deterministic(first, second)
     if not first.trouble and len(first.scenes) <= _FEWEST:
         yield Finding(
@@ -206,41 +207,45 @@ def _scenes(run: Run, robot: RobotModel, dt: float, params: FailsafeParams) -> I
             break
 
 
-def _reset(run: Run, robot: RobotModel, when: str) -> Iterator[Finding]:
-    states = _states(run, robot)
+def _reset(run: Run, robot: RobotModel, params: FailsafeParams, when: str) -> Iterator[Finding]:
+    states = _states(run, robot, params)
     if len(states) == 0:
         return
-    limits, state = robot.limits, states[0]
-    speed = max(np.abs(state[1] / limits.velocity).max(), np.abs(state[2] / limits.acceleration).max())
-    if not speed <= _ROUNDING:
-        yield Finding(
-            "reset", "error", f"the arm has to be at rest after reset{when}, it moves at {speed:.2g} of a limit"
-        )
+    limits, state, tolerance = robot.limits, states[0], params.tolerance_of(robot)
     bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+    share = np.maximum(np.abs(state[1:]) - tolerance[1:], 0.0) / bounds[2:4]
+    if not np.all(share <= _ROUNDING):
+        text = f"the arm has to be at rest after reset{when}, it moves at {share.max():.2g} of a limit"
+        yield Finding("reset", "error", text)
     if violates(np.array([state[0], 0.0 * state[0], 0.0 * state[0]]), np.zeros(robot.n), bounds, _ROUNDING):
         yield Finding("reset", "error", f"the arm has to be inside its position limits after reset{when}: {state[0]}")
 
 
-def _states(run: Run, robot: RobotModel) -> Array:
-    """Joint states as long as they are some, shape (k, 3, n)."""
-    states = []
+def _states(run: Run, robot: RobotModel, params: FailsafeParams) -> Array:
+    """Joint states as long as they are some, shape (k, 3, n); 0 where they are neither finite nor measured."""
+    states, unmeasured = [], params.tolerance_of(robot) == np.inf
     for scene in run.scenes:
         try:
             state = np.array([np.asarray(values, np.float64) for values in scene.robot])
         except Exception:  # said elsewhere
             break
-        if state.shape != (3, robot.n) or not np.all(np.isfinite(state)):
+        if state.shape != (3, robot.n) or not np.all(np.isfinite(state) | unmeasured):
             break
-        states.append(state)
+        states.append(np.where(unmeasured & ~np.isfinite(state), 0.0, state))
     return np.array(states)
 
 
-def _motion(run: Run, robot: RobotModel, dt: float, actions: Array) -> Iterator[Finding]:
-    states = _states(run, robot)
+def _motion(run: Run, robot: RobotModel, dt: float, params: FailsafeParams, actions: Array) -> Iterator[Finding]:
+    states, tolerance = _states(run, robot, params), params.tolerance_of(robot)
     if len(states) < 2:
         return
-    diagnosis = Motion(robot, dt, actions[: len(states) - 1], states).diagnose()
-    if diagnosis is not None:
+    motion = Motion(robot, dt, actions[: len(states) - 1], states, tolerance)
+    diagnosis = motion.diagnose()
+    if diagnosis is None:
+        return
+    if motion.tolerated:
+        yield Finding(diagnosis.name, "warning", f"{diagnosis.message} (it is within state_tolerance while looked at)")
+    else:
         yield Finding(diagnosis.name, "error", diagnosis.message)
 
 

@@ -36,16 +36,25 @@ class Motion:
         dt: Control step [s].
         actions: Shares of the jerk bounds, shape (T, n).
         states: Position, velocity and acceleration after reset and after every step, shape (T + 1, 3, n).
+        tolerance: How far they may be from the exact motion, shape (3, n); what of the first lies within is rest.
     """
 
-    def __init__(self, robot: RobotModel, dt: float, actions: Array, states: Array) -> None:
+    def __init__(self, robot: RobotModel, dt: float, actions: Array, states: Array, tolerance: Array) -> None:
         limits = robot.limits
         low, high = limits.position.T
         self.dt, self.actions, self.states = dt, actions, states
         self._bound = np.array(limits.jerk)
         self._scale = np.array([high - low, limits.velocity, limits.acceleration])
+        self._allowed = tolerance + _ALIKE * self._scale
+        at_rest = np.array([states[0, 0], 0.0 * states[0, 0], 0.0 * states[0, 0]])
+        self._first = at_rest if np.all(np.abs(states[0] - at_rest) <= self._allowed) else states[0]
         self.jerks = actions * self._bound
         self.expected = self._play(self.jerks)
+
+    @property
+    def tolerated(self) -> bool:
+        """Whether the states are within the tolerance of the exact motion."""
+        return bool(np.all(np.abs(self.states - self.expected) <= self._allowed))
 
     def diagnose(self) -> Diagnosis | None:
         """The simplest mistake that explains the states; None if they are right."""
@@ -192,7 +201,7 @@ class Motion:
 
     def _play(self, jerks: Array, step: Step | None = None) -> Array:
         """States from the first one on, shape (len(jerks) + 1, 3, n)."""
-        states = [self.states[0]]
+        states = [self._first]
         for jerk in jerks:
             states.append((step or self._exact)(states[-1], jerk))
         return np.array(states)

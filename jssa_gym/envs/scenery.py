@@ -58,7 +58,7 @@ def scene_troubles(scenes: Sequence[Any], robot: RobotModel, dt: float, params: 
     sound: list[Scene] = []
     for k, scene in enumerate(scenes):
         try:
-            found = list(_fields(scene, robot))
+            found = list(_fields(scene, robot, params.tolerance_of(robot)))
         except AttributeError as error:
             found = [Trouble("scene", "error", "", f"scene has to be a Scene with all its fields: {error}")]
         yield from (one._replace(message=f"{one.message} (tick {k})") for one in found)
@@ -90,7 +90,8 @@ def _array(name: str, value: Any, shape: tuple[int, ...], kinds: str = "f") -> T
     return None
 
 
-def _fields(scene: Any, robot: RobotModel) -> Iterator[Trouble]:
+def _fields(scene: Any, robot: RobotModel, tolerance: Array) -> Iterator[Trouble]:
+    """What is wrong with a scene's fields; ``tolerance`` (3, n) is inf for what is not measured of the joints."""
     values = dict(leaves(scene))
     time = values["time"]
     if isinstance(time, bool) or not isinstance(time, int | float | np.floating | np.integer) or not np.isfinite(time):
@@ -119,6 +120,8 @@ def _fields(scene: Any, robot: RobotModel) -> Iterator[Trouble]:
     for name in shapes:
         if values[name].dtype != np.float64:
             if name.startswith("robot"):
+                if np.all(tolerance > 0.0):
+                    continue
                 text = f"scene.{name} has to be float64, got {values[name].dtype}: rounding adds up"
                 yield Trouble("float32", "error", "robot", text)
             else:
@@ -127,6 +130,8 @@ def _fields(scene: Any, robot: RobotModel) -> Iterator[Trouble]:
     valid, age = values["valid"], values["age"]
     for name in shapes:
         measured = values[name][valid] if name.startswith("human") else values[name]
+        if name.startswith("robot"):
+            measured = measured[tolerance[JointState._fields.index(name.removeprefix("robot."))] < np.inf]
         if name != "age" and not np.all(np.isfinite(measured)):
             also = " where valid" if name.startswith("human") else ""
             yield Trouble("fields", "error", name, f"scene.{name} has to be finite{also}, got {values[name]}")
