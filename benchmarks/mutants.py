@@ -55,11 +55,11 @@ def _guard(name, old, new, tests=ASSUMPTIONS):
     return Mutant(name, "shields/failsafe.py", old, new, tests)
 
 
-def _joints(name, old, new, tests=(JOINTS, "")):
+def _joints(name, old, new, tests=(JOINTS, "monitor or rebased")):
     return Mutant(name, "kernels/joints.py", old, new, tests)
 
 
-def _monitor(name, old, new, tests=(JOINTS, "")):
+def _monitor(name, old, new, tests=(JOINTS, "monitor or rebased")):
     return Mutant(name, "safety/joints.py", old, new, tests)
 
 
@@ -93,8 +93,8 @@ MUTANTS = [
     _kernel("spin forgotten", 'spin += (levers[i, j] + robot["radius"])', "spin += levers[i, j]"),
     _kernel(
         "half-spaces skipped",
-        "for k in range(planes.shape[0]):\n                    gap",
-        "for k in range(0):\n                    gap",
+        "for k in range(planes.shape[0]):\n                if stands",
+        "for k in range(0):\n                if stands",
     ),
     _kernel("statics skipped", "            for k in range(statics.shape[0]):", "            for k in range(0):"),
     _kernel("self pairs skipped", "for k in range(self_pairs.shape[0]):", "for k in range(0):"),

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from jssa_gym.safety.certify import certify
     from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
+    from jssa_gym.safety.tracking import measure_tracking
     from jssa_gym.shields import FILTERS, JSSAShield, SafetyFilter, Shield, make_filter
     from jssa_gym.types import CapsuleSet, Decision, JointState, Scene, Status
 
@@ -78,6 +79,7 @@ _HOMES = {
     "evaluate": "jssa_gym.evaluation",
     "load_policy": "jssa_gym.policies",
     "make_filter": "jssa_gym.shields",
+    "measure_tracking": "jssa_gym.safety.tracking",
 }
 
 __all__ = [
@@ -120,6 +122,7 @@ __all__ = [
     "evaluate",
     "load_policy",
     "make_filter",
+    "measure_tracking",
 ]
 
 

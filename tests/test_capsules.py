@@ -296,6 +296,7 @@ def segments_of(rng, m):
     segments["start"], segments["end"] = rng.normal(size=(2, m, 3))
     segments["radius"] = rng.uniform(0.05, 0.2, m)
     segments["link"] = np.arange(m)
+    segments["swing"] = 0.3 * Z
     return segments
 
 
@@ -321,9 +322,9 @@ def test_measures_of_many_pairs():
     planes["normal"], planes["offset"] = np.array([Z, -X]), (-0.3, 0.4)
     heights = np.zeros((4, 2), PAIR)
     measure_planes(segments, planes, heights)
-    assert np.all(heights["distance"][0] == np.inf)  # the first link stands on the base
-    for i in (1, 2, 3):
-        for j in range(2):
+    assert heights["distance"][0, 0] == np.inf  # the first link, upright, stands on what is level
+    for i in range(4):
+        for j in range(i == 0, 2):
             expected = ref.plane_distance(
                 segments[i]["start"],
                 segments[i]["end"],

@@ -1,5 +1,8 @@
 """Moves from rest to rest and from motion, stops, and inverse kinematics."""
 
+import dataclasses
+import tracemalloc
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,7 +10,7 @@ import scipy.optimize
 import scipy.sparse
 from test_control_plan import DT, assert_kept, one_joint, played, rest
 
-from jssa_gym.control import moves, plan_approach, plan_brake, plan_move
+from jssa_gym.control import Plan, moves, plan_approach, plan_brake, plan_move, plan_waypoints
 from jssa_gym.control.inverse import farther_than_stretched, postures_for, way_is_clear
 from jssa_gym.control.moves import brake_jerk, fewest_ticks
 from jssa_gym.envs import ArmEnv
@@ -279,3 +282,100 @@ def test_one_joint_alone_gets_there_sooner_or_as_soon(robot):
         together = len(plan_move(start, goal, limits, DT))
         alone = [len(plan_move(start[[j]], goal[[j]], one_joint(limits, j), DT)) for j in range(6)]
         assert together == max(alone)
+
+
+# ---- what no plan can be made of ---------------------------------------------------------------------------
+
+
+UNUSABLE = [np.nan, np.inf, -np.inf]
+
+
+@pytest.mark.parametrize("part", ["position", "velocity", "acceleration"])
+@pytest.mark.parametrize("value", UNUSABLE)
+def test_states_that_are_no_numbers_are_refused(robot, part, value):
+    """Not planned from: a stop without ticks would look like one that keeps every limit."""
+    limits, numbers = robot.limits, np.zeros(robot.n)
+    numbers[2] = value
+    state = rest(robot.home)._replace(**{part: numbers})
+    with pytest.raises(ParameterError, match=f"{part} has to be a joint state, finite"):
+        plan_brake(state, limits, DT)
+    with pytest.raises(ParameterError, match=f"{part} has to be a joint state, finite"):
+        plan_approach(state, robot.home, limits, DT)
+    with pytest.raises(ParameterError, match="finite"):
+        plan_move(state.position if part == "position" else numbers, robot.home, limits, DT)
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.008, *UNUSABLE, True, None])
+def test_ticks_that_are_no_times_are_refused(robot, dt):
+    limits, moving = robot.limits, rest(robot.home)._replace(velocity=0.1 * np.ones(robot.n))
+    for plan in (
+        lambda: plan_brake(moving, limits, dt),
+        lambda: plan_approach(moving, robot.home + 0.1, limits, dt),
+        lambda: plan_approach(rest(robot.home), robot.home + 0.1, limits, dt),
+        lambda: plan_move(robot.home, robot.home, limits, dt),
+        lambda: plan_move(robot.home, robot.home + 0.1, limits, dt),
+        lambda: fewest_ticks(0.1, 1.0, 1.0, 1.0, dt),
+    ):
+        with pytest.raises(ParameterError, match="dt has to be a positive number"):
+            plan()
+
+
+@pytest.mark.parametrize("speed", [1e7, 1e10, 1e300, 1e307])
+def test_what_would_take_for_ever_is_refused(robot, speed):
+    limits, fast = robot.limits, rest(robot.home)._replace(velocity=np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(ParameterError, match="more than 2097152"):
+        plan_brake(fast, limits, DT)
+    with pytest.raises(ParameterError, match="more than 2097152"):
+        plan_move(robot.home, robot.home + 0.1, limits, DT / speed)
+    with pytest.raises(ParameterError, match="more than 2097152"):
+        plan_waypoints(rest(robot.home), [robot.home + 0.1], speed, limits, DT)
+
+
+def test_an_empty_plan_keeps_what_its_state_keeps(robot):
+    limits, stays = robot.limits, np.zeros((0, robot.n))
+    for state, kept in (
+        ([robot.home, 0.9 * limits.velocity, 0.9 * limits.acceleration], True),
+        ([robot.home, 1.1 * limits.velocity, 0.0 * limits.acceleration], False),
+        ([robot.home, 0.0 * limits.velocity, -1.1 * limits.acceleration], False),
+        ([limits.position[:, 1] + 0.1, 0.0 * limits.velocity, 0.0 * limits.acceleration], False),
+        ([robot.home, np.nan * limits.velocity, 0.0 * limits.acceleration], False),
+    ):
+        assert Plan.follow(np.array(state), stays, DT, (0,)).keeps(limits) == kept
+
+
+def test_plans_of_other_ticks_or_arms_are_not_joined(robot):
+    plan = plan_move(robot.home, robot.home + 0.1, robot.limits, DT)
+    with pytest.raises(ParameterError, match="another tick"):
+        plan.then(plan_move(robot.home + 0.1, robot.home, robot.limits, DT / 2.0))
+
+
+def test_a_slow_move_takes_memory_for_its_ticks_alone(robot):
+    """0.3 % of the speed at 1 kHz took 2.5 GiB, at 0.1 % it ended for want of memory."""
+    limits = robot.limits
+    slow = dataclasses.replace(limits, velocity=0.02 * limits.velocity, acceleration=0.02 * limits.acceleration)
+    tracemalloc.start()
+    plan = plan_move(robot.home, robot.home + 1.0, slow, 0.001)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(plan) > 8000
+    assert peak < 1000 * len(plan)
+
+
+def test_the_fewest_ticks_are_those_of_a_search_through_all():
+    """Against every choice of ramps and holds, the one of least jerk of the fewest ticks."""
+    rng = np.random.default_rng(8)
+    for k in range(60):
+        V, A, J, distance = (10.0 ** rng.uniform(*span) for span in ((-1, 1), (0, 2), (1, 4), (-3, 0.3)))
+        if k % 3 == 0:
+            V, A, J, distance = (max(round(x, 1), 0.1) for x in (V, A, J, distance))
+        n_j, n_a, n_v = fewest_ticks(distance, V, A, J, 0.05)
+        total = 4 * n_j + 2 * n_a + n_v
+        for ticks in (total - 1, total):
+            fit = []
+            for j in range(1, ticks // 4 + 1):
+                for a in range((ticks - 4 * j) // 2 + 1):
+                    jerk = distance / (0.05**3 * j * (j + a) * (ticks - 2 * j - a))
+                    if jerk <= J and jerk * j * 0.05 <= A and jerk * j * (j + a) * 0.05**2 <= V:
+                        fit.append((jerk, j, a))
+            assert bool(fit) == (ticks == total)
+        assert min(fit)[1:] == (n_j, n_a)

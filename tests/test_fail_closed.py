@@ -199,6 +199,49 @@ def test_a_scene_that_cannot_be_had_brakes() -> None:
     assert np.abs(arm.acceleration).max() < 1e-6
 
 
+@pytest.mark.parametrize("kernel", ["filter.take_in", "filter.unfit", "failsafe.choose", "failsafe.load_fixtures"])
+@pytest.mark.parametrize("stop", [True, False])
+def test_machinery_that_fails_is_no_bad_scene(kernel, stop, monkeypatch, caplog) -> None:
+    if not stop and kernel.startswith("failsafe"):
+        pytest.skip("no verified stop, no such kernel")
+    env = gym.make("jssa_gym/Home-v0", human="none", terminate_on=())
+    env = jssa_gym.JSSAShield(env, failsafe=stop)
+    env.reset(seed=0)
+    for _ in range(10):
+        assert env.step(np.full(6, 0.2))[4]["shield/status"] == Status.NOMINAL
+
+    def broken(*_):
+        raise EOFError("Ran out of input")
+
+    monkeypatch.setattr(f"jssa_gym.shields.{kernel}", broken)
+    for _ in range(100):
+        *_, info = env.step(np.full(6, 0.2))
+        assert info["shield/status"] == Status.FAULT
+        assert "EOFError: Ran out of input" in info["shield/reason"]
+        assert "scene" not in info["shield/reason"]
+    state = env.unwrapped.scene.robot
+    assert max(np.abs(state.velocity).max(), np.abs(state.acceleration).max()) < 1e-6
+    monkeypatch.undo()
+    assert env.step(np.zeros(6))[4]["shield/status"] == Status.NOMINAL
+
+
+class Doubling(gym.Wrapper):
+    """No action wrapper, and yet the arm does something else than it is told."""
+
+    def step(self, action):
+        return self.env.step(np.clip(2.0 * np.asarray(action), -1.0, 1.0))
+
+
+def test_whatever_else_moves_the_arm_is_told_once_and_loudly(caplog) -> None:
+    env = jssa_gym.JSSAShield(Doubling(gym.make("jssa_gym/Home-v0", human="none", terminate_on=())))
+    for seed in range(2):
+        env.reset(seed=seed)
+        infos = [env.step(np.full(6, 0.2))[4] for _ in range(100)]
+        assert infos[0]["shield/status"] == Status.NOMINAL
+        assert sum(info["shield/status"] == Status.FAULT for info in infos) > 90
+    assert sum("something else moves it" in record.message for record in caplog.records) == 1
+
+
 def test_two_environments_never_share_a_person() -> None:
     human = RandomWalk()
     first, second = (gym.make("jssa_gym/Home-v0", human=human, terminate_on=()) for _ in range(2))

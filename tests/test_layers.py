@@ -34,7 +34,7 @@ HEAVY = {
     "osqp": ("safety.projectors",),
     "matplotlib": ("plots",),
     "av": ("plots",),
-    "mujoco": ("robots.model", "robots.serial", "envs.world", "evaluation.oracle"),
+    "mujoco": ("robots.coverage", "robots.model", "robots.serial", "envs.world", "evaluation.oracle"),
 }
 """Where a heavy library may be imported at all, and there only inside functions."""
 

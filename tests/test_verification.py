@@ -220,8 +220,10 @@ class Case:
             if np.ptp(motion.ends[:, i], axis=0).max() < 1e-9:
                 continue
             found += [motion.gap("statics", i, agent, margin=self.margin, every=every) for agent in self.statics]
-            if capsules["link"][i] > 0:
-                found += [motion.gap("planes", i, plane, margin=self.margin, every=every) for plane in self.planes]
+            for plane in self.planes:
+                # the first joint's axis is upright: its column stands on what is level
+                if capsules["link"][i] > 0 or np.hypot(*plane["normal"][:2]) > 1e-9:
+                    found.append(motion.gap("planes", i, plane, margin=self.margin, every=every))
         return min(found)
 
 

@@ -4,13 +4,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.control.least_jerk import FEWEST
-from jssa_gym.control.plan import TOLERANCE, Plan, plan_waypoints
+from jssa_gym.control.plan import TOLERANCE, Plan, affordable, checked_state, plan_waypoints
 from jssa_gym.exceptions import InfeasibleError
 from jssa_gym.kernels.records import STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array, JointState
-from jssa_gym.validation import real_array
+from jssa_gym.validation import positive_number, real_array
 
 _GROWTH = 1.15
 """By which the time for a move that begins in motion is lengthened until it can be made."""
@@ -34,7 +34,13 @@ def fewest_ticks(distance: float, V: float, A: float, J: float, dt: float) -> tu
 
     Returns:
         The ticks n_j, n_a, n_v.
+
+    Raises:
+        ParameterError: A number is not positive or not finite, or the move takes more ticks than a plan may have.
     """
+    distance, V, A, J, dt = (
+        positive_number(name, value) for name, value in {"distance": distance, "V": V, "A": A, "J": J, "dt": dt}.items()
+    )
     rise = min(A / J, np.sqrt(V / J))
     hold = max(V / A - rise, 0.0) if rise == A / J else 0.0
     if distance >= V * (2.0 * rise + hold):
@@ -45,16 +51,20 @@ def fewest_ticks(distance: float, V: float, A: float, J: float, dt: float) -> tu
         if rise > A / J:
             rise = A / J
             shortest = rise + 2.0 * np.sqrt(rise**2 / 4.0 + distance / A)
+    affordable(float(shortest) / dt, dt)
     total = max(FEWEST, int(np.ceil(shortest / dt - 1e-9)))
     while True:
-        n_j, n_a = np.meshgrid(np.arange(1, total // 4 + 1), np.arange(total // 2 - 1), indexing="ij")
+        n_j = np.arange(1, total // 4 + 1)[:, None]
+        # of all n_a the largest needs the least jerk; the speed limit has the last word, to rounding
+        most = np.minimum((total - 4 * n_j) // 2, np.floor(total - 2 * n_j - distance / (V * dt)).astype(np.int64))
+        n_a = np.maximum(most + np.arange(-2, 3), 0)
         n_v = total - 4 * n_j - 2 * n_a
         speed = n_j * (n_j + n_a) * dt**2
         jerk = np.where(n_v >= 0, distance / (speed * (2 * n_j + n_a + np.maximum(n_v, 0)) * dt), np.inf)
         jerk[(jerk > J) | (jerk * n_j * dt > A) | (jerk * speed > V)] = np.inf
         best = np.unravel_index(np.argmin(jerk), jerk.shape)
         if jerk[best] < np.inf:
-            return int(n_j[best]), int(n_a[best]), int(n_v[best])
+            return int(n_j[best[0], 0]), int(n_a[best]), int(n_v[best])
         total += 1
 
 
@@ -86,10 +96,11 @@ def plan_move(start: ArrayLike, goal: ArrayLike, limits: JointLimits, dt: float)
         The plan; of no ticks if start and goal are the same.
 
     Raises:
-        ParameterError: A shape is wrong.
+        ParameterError: A shape is wrong, a number not finite, the tick not positive or so short that the plan would
+            have more than :data:`~jssa_gym.control.plan.MOST` of them.
         InfeasibleError: Start or goal lies outside the position limits.
     """
-    n = len(limits.jerk)
+    n, dt = len(limits.jerk), positive_number("dt", dt)
     begin = real_array("start", start, (n,), "a joint position [rad]")
     end = real_array("goal", goal, (n,), "a joint position [rad]")
     # first of all: towards an arm that was thrown far out of its range, plans have no end
@@ -134,9 +145,10 @@ def plan_approach(state: JointState, goal: ArrayLike, limits: JointLimits, dt: f
         dt: Tick [s].
 
     Raises:
-        ParameterError: A shape is wrong.
+        ParameterError: A shape is wrong, a number not finite, the tick not positive, or the plan too long.
         InfeasibleError: The goal lies outside the position limits, or the state cannot be brought to rest within them.
     """
+    state = checked_state(state, limits)
     if not (np.any(state.velocity) or np.any(state.acceleration)):
         return plan_move(state.position, goal, limits, dt)
     end = real_array("goal", goal, (len(limits.jerk),), "a joint position [rad]")
@@ -161,8 +173,14 @@ def plan_brake(state: JointState, limits: JointLimits, dt: float) -> Plan:
     """The jerk-limited stop on the time grid, see :func:`jssa_gym.kernels.stopping.stop_joint`.
 
     Whether it keeps the position limits depends on the state; :meth:`Plan.keeps` tells.
+
+    Raises:
+        ParameterError: A shape is wrong, a number not finite, the tick not positive, or the arm so fast that its stop
+            would take more than :data:`~jssa_gym.control.plan.MOST` ticks.
     """
+    state, dt = checked_state(state, limits), positive_number("dt", dt)
     rows, stops, ticks = _stop(state, limits, dt)
+    affordable(ticks if np.all(np.isfinite(stops["jerk_in"])) else np.inf, dt)
     jerk = np.zeros((ticks, rows.shape[1]))
     for k in range(ticks):
         stop_jerk(stops, k, jerk[k])
@@ -170,7 +188,7 @@ def plan_brake(state: JointState, limits: JointLimits, dt: float) -> Plan:
 
 
 def brake_jerk(state: JointState, limits: JointLimits, dt: float) -> Array:
-    """The first jerk of :func:`plan_brake`, shape (n,) [rad/s³]; zero at rest."""
+    """The first jerk of :func:`plan_brake`, shape (n,) [rad/s³]; zero at rest, and for a joint without a stop."""
     rows, stops, ticks = _stop(state, limits, dt)
     jerk = np.zeros(rows.shape[1])
     if ticks:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from jssa_gym.control.least_jerk import FEWEST, corrected, equalities, limited, required, splines
 from jssa_gym.exceptions import InfeasibleError, ParameterError
+from jssa_gym.kernels.motion import violates
 from jssa_gym.kernels.profile import follow, keeps
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array, JointState
@@ -22,6 +23,9 @@ REST = 1e-9
 
 MET = 1e-6
 """Distance from a waypoint that counts as met [rad]."""
+
+MOST = 2**21
+"""Ticks that a plan may have: 35 minutes at 1 kHz, and 400 MB for six joints."""
 
 _TURNING = 1e-5
 """Speed at a waypoint on the end of the range [rad/s]."""
@@ -66,14 +70,48 @@ class Plan:
         return len(self) * self.dt
 
     def then(self, later: "Plan") -> "Plan":
-        """This plan and another one that begins where it ends."""
+        """This plan and another one that begins where it ends.
+
+        Raises:
+            ParameterError: The other one is for another tick or number of joints.
+        """
+        if later.dt != self.dt or later.jerk.shape[1] != self.jerk.shape[1]:
+            raise ParameterError("the later plan is for another tick or another number of joints")
         jerk = np.concatenate([self.jerk, later.jerk])
         return Plan.follow(self.states[0], jerk, self.dt, self.marks + tuple(len(self) + m for m in later.marks))
 
     def keeps(self, limits: JointLimits, tolerance: float = TOLERANCE) -> bool:
-        """Whether every joint keeps all limits, at the ticks and between them: the cubics' extremes are computed."""
+        """Whether every joint keeps all limits, at the ticks and between them: the cubics' extremes are computed.
+
+        Of a plan without ticks it is the state that has to keep them.
+        """
         bounds = _bounds(limits)
+        if not len(self):
+            return not violates(self.states[0], np.zeros(bounds.shape[1]), bounds, tolerance)
         return all(keeps(self.jerk, self.dt, self.states, bounds, j, tolerance) for j in range(bounds.shape[1]))
+
+
+def checked_state(state: JointState, limits: JointLimits) -> JointState:
+    """A finite joint state of as many joints as the limits are for.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    n = len(limits.jerk)
+    return JointState(*(real_array(name, part, (n,), "a joint state") for name, part in state._asdict().items()))
+
+
+def affordable(ticks: float, dt: float) -> None:
+    """Refuse plans that would fill the memory.
+
+    Raises:
+        ParameterError: The plan has more than :data:`MOST` ticks.
+    """
+    if not ticks <= MOST:
+        raise ParameterError(
+            f"a plan would take {ticks:.3g} ticks of {dt:g} s, more than {MOST}: the tick is too short, the limits are "
+            "too low, or the arm is too fast for them"
+        )
 
 
 def plan_waypoints(
@@ -115,8 +153,9 @@ def plan_waypoints(
         raise ParameterError(
             f"waypoint {k} puts joint {j} at {points[k, j]:.6g} rad, outside its limits {limits.position[j].tolist()}"
         )
-    rows = np.array([real_array(name, part, (n,), "a joint state") for name, part in state._asdict().items()])
-    each = round(positive_number("period", period) / dt)
+    rows = np.array(checked_state(state, limits))
+    affordable(K * positive_number("period", period) / dt, dt)
+    each = round(period / dt)
     if abs(each * dt - period) > 1e-6 * dt * max(each, 1) or each < FEWEST:
         near = max(each, FEWEST) * dt
         raise ParameterError(

@@ -213,8 +213,9 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self._state, distance, contact_speed, violation = around.move(before, jerk, self.dt)
         self._actual = self._state
         if self.dynamics == "servo":
-            actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
-            self._actual, distance, contact_speed, _ = around.move(actual, self._zero, 0.0)
+            self._actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
+            distance, contact_speed, swung = around.look(self._actual)
+            violation = violation or swung
 
         moving = contact_speed > MOVING
         moment = Moment(self._actual[0], around.tip[0], around.tip_speed, fraction, distance, moving, self._progress)

@@ -1,6 +1,7 @@
 """What the environment tells about itself: its observation table and its docstring."""
 
 from jssa_gym.envs.observation import FAR, Feature, feature_table
+from jssa_gym.envs.surroundings import OVER_POSITION, OVER_VELOCITY
 from jssa_gym.envs.tasks import COMMON_TERMS, TASKS
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
 
@@ -41,7 +42,9 @@ def describe() -> str:
 The joint state follows the paper's Eq. (1) exactly, jerk held over each step of 0.008 s. With
 ``dynamics="servo"`` MuJoCo simulates the arm's inertias under 1 kHz position servos that track that command;
 distances, contacts and success are then those of the simulated arm, and ``info["tracking_error"]`` (n,) [rad] is its
-position minus the command's. Limits are reported, not enforced: that is a shield's work.
+position minus the command's. Limits are reported, not enforced: that is a shield's work. With servos
+``limit_violation`` is of the command (position to jerk) and of the simulated arm, whose position may swing over by
+{1e3 * OVER_POSITION:g} mrad and whose velocity by {100.0 * OVER_VELOCITY:g} % of its limit.
 
 **Action**: joint jerk as a share of the jerk bounds, ``Box(-1, 1, (n,), float32)``; float64 is taken as it is.
 

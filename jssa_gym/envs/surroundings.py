@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jssa_gym.kernels.motion import violates
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, records
 from jssa_gym.kernels.tick import tick
 from jssa_gym.robots import RobotModel
@@ -12,6 +13,12 @@ from jssa_gym.types import Array, CapsuleSet
 
 _LIMIT_TOLERANCE = 1e-9
 """Share of a limit by which it may be exceeded before ``limit_violation`` says so: rounding."""
+
+OVER_POSITION = 2e-3
+"""By how much a servoed joint may swing over its range before ``limit_violation`` says so [rad]."""
+
+OVER_VELOCITY = 0.02
+"""Share of its velocity limit by which it may be faster; its acceleration rings and has no bound."""
 
 
 class Closest(NamedTuple):
@@ -43,6 +50,9 @@ class Surroundings:
         limits, count = robot.limits, len(robot.capsules)
         self._robot = robot
         self._bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+        (low, high), zero = limits.position.T, np.zeros(robot.n)
+        swung = (low - OVER_POSITION, high + OVER_POSITION, (1.0 + OVER_VELOCITY) * limits.velocity)
+        self._servo_bounds, self._zero = np.array([*swung, np.full(robot.n, np.inf), limits.jerk]), zero
         self._parameters = TRUTH.array()
         self._frames, self._segments = records(robot.n, FRAME), records(count, SEGMENT)
         self._agents, self._pairs = records(0, AGENT), records((count, 0), PAIR)
@@ -103,6 +113,16 @@ class Surroundings:
         )
         self._pair = (row, column)
         return after, distance, contact_speed, violation
+
+    def look(self, state: Array) -> tuple[float, float, bool]:
+        """Measure an arm that servos have moved, shape (3, n), against the people as they are now.
+
+        Returns:
+            Smallest distance [m], largest speed of a touching point [m/s], and whether position or velocity exceeds its
+            limit by more than :data:`OVER_POSITION` or :data:`OVER_VELOCITY`.
+        """
+        _, distance, contact_speed, _ = self.move(state, self._zero, 0.0)
+        return distance, contact_speed, violates(state, self._zero, self._servo_bounds, 0.0)
 
     @property
     def closest(self) -> Closest:

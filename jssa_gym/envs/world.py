@@ -242,6 +242,9 @@ class World:
     def servo_step(self, state: Array, jerk: Array, dt: float, ratio: Array) -> tuple[Array, Array, Array]:
         """Simulate one control step; the servos track the command of Eq. (1) at 1 kHz, velocity fed forward.
 
+        Their force is of the position with which a millisecond begins and, since damping is integrated implicitly, of
+        the velocity with which it ends: the references are those of these moments.
+
         Args:
             state: Commanded state at the beginning, shape (3, n).
             jerk: Commanded jerk, shape (n,) [rad/s³].
@@ -253,8 +256,8 @@ class World:
         """
         q, v, a = state
         for k in range(1, round(dt / _SUBSTEP) + 1):
-            t = k * _SUBSTEP
-            reference = q + v * t + a * t**2 / 2.0 + jerk * t**3 / 6.0
+            before, t = (k - 1) * _SUBSTEP, k * _SUBSTEP
+            reference = q + v * before + a * before**2 / 2.0 + jerk * before**3 / 6.0
             rate = v + a * t + jerk * t**2 / 2.0
             self.data.ctrl[:] = reference + ratio * rate
             self._mujoco.mj_step(self.model, self.data)

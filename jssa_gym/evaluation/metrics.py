@@ -68,7 +68,7 @@ class Summary(StepSummary):
     n_collisions_shared_fault: Annotated[int | None, Says("", "Contacts in which both move in faster than v_safe.")]
     n_collisions_self: Annotated[int | None, Says("", "Contacts of the arm with itself.")]
     n_collisions_static: Annotated[
-        int | None, Says("", "Contacts of the arm, but for its first link, with table or floor.")
+        int | None, Says("", "Contacts of the arm with table or floor; a column that stands on it is none.")
     ]
     n_actions_not_finite: Annotated[
         int, Says("steps", "Steps in which the policy's action was not finite, which a filter answers with a FAULT.")

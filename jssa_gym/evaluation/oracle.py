@@ -7,6 +7,7 @@ import numpy as np
 
 from jssa_gym.exceptions import RobotModelError
 from jssa_gym.headless import choose_gl_backend
+from jssa_gym.kernels.capsules import STANDING
 from jssa_gym.robots import RobotModel
 from jssa_gym.robots.model import COLLISION_GROUP
 from jssa_gym.types import Array
@@ -81,6 +82,20 @@ class Oracle:
         """Signed surface distances of pairs of geoms, :data:`FAR` where it is more [m]."""
         model, data, distance = self.model, self.data, self._mujoco.mj_geomDistance
         return [distance(model, data, one, other, FAR, None) for one, other in pairs]
+
+    def stands(self, i: int, j: int) -> bool:
+        """Whether no joint can change how far the arm's capsule i is from half-space j, wherever the joints are."""
+        model, data, geom = self.model, self.data, self.arm[i]
+        body = model.body_weldid[model.geom_bodyid[geom]]
+        if model.body_dofadr[body] + model.body_dofnum[body] != 1:
+            return False  # more than the first joint moves it
+        self._mujoco.mj_kinematics(model, data)
+        capsule = model.geom_type[geom] == self._mujoco.mjtGeom.mjGEOM_CAPSULE
+        along = data.geom_xmat[geom].reshape(3, 3)[:, 2] * (model.geom_size[geom, 1] if capsule else 0.0)
+        arms = data.geom_xpos[geom] + np.array([along, -along]) - data.xanchor[0]
+        lever = np.linalg.norm(np.cross(data.xaxis[0], arms), axis=1).max()
+        normal = data.geom_xmat[self.planes[j]].reshape(3, 3)[:, 2]
+        return bool(lever * np.linalg.norm(np.cross(data.xaxis[0], normal)) <= STANDING)
 
     def touch(self, one: int, other: int, velocity: Array) -> tuple[Array, Array]:
         """Where two geoms touch, and how the first one's surface moves there.

@@ -40,8 +40,7 @@ def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: floa
     parts, bodies = range(len(oracle.arm)), range(len(oracle.human))
     human = [(i, j) for i in parts for j in bodies]
     own = [(int(i), int(j)) for i, j in robot.self_pairs]
-    # the first link's capsules stand on the base by construction
-    solid = [(i, j) for i in parts for j in range(len(oracle.planes)) if robot.capsules[i]["link"] > 0]
+    solid = [(i, j) for i in parts for j in range(len(oracle.planes)) if not oracle.stands(i, j)]
     geoms = [(oracle.arm[i], oracle.human[j]) for i, j in human]
     everything = [
         *geoms,

@@ -3,10 +3,13 @@
 import numpy as np
 
 from jssa_gym.kernels.jit import jit
-from jssa_gym.kernels.vector import along, dot, subtract
+from jssa_gym.kernels.vector import along, cross, dot, subtract
 
 _POINT = 1e-30
 """Squared length [m²] under which a segment is a point."""
+
+STANDING = 1e-5
+"""How far a joint can move a capsule to a half-space on which it stands nevertheless: axes are written roundly [m]."""
 
 _PARALLEL = 1e-12
 """sin² of the angle under which two segments count as parallel."""
@@ -89,6 +92,18 @@ def plane_pair(a, b, radius, plane):
 
 
 @jit
+def stands(segment, plane):
+    """Whether no joint can change a capsule's distance to a half-space: it may stand on it, and in it.
+
+    Of the first link only: a column whose axis is the half-space's normal, or what is thick about the axis itself.
+    """
+    if segment["link"] != 0:
+        return False
+    change = cross(segment["swing"], plane["normal"])
+    return dot(change, change) <= STANDING**2
+
+
+@jit
 def measure_agents(segments, agents, pairs):
     """Distances of all robot capsules to all agents.
 
@@ -111,7 +126,7 @@ def measure_agents(segments, agents, pairs):
 def measure_planes(segments, planes, pairs):
     """Distances of the robot capsules to half-spaces, into ``pairs`` of shape (m, k) of ``PAIR``.
 
-    Capsules of the first link stand on the base by construction: their distance is inf.
+    The distance of a capsule that :func:`stands` on a half-space is inf.
     """
     for i in range(segments.shape[0]):
         robot = segments[i]
@@ -119,7 +134,7 @@ def measure_planes(segments, planes, pairs):
             pair = pairs[i, j]
             pair["r"] = 0.0
             distance, pair["s"] = plane_pair(robot["start"], robot["end"], robot["radius"], planes[j])
-            pair["distance"] = np.inf if robot["link"] == 0 else distance
+            pair["distance"] = np.inf if stands(robot, planes[j]) else distance
 
 
 @jit

@@ -126,6 +126,9 @@ def place(frames, capsules, segments):
         put(segment["end_acceleration"], acceleration_of(frame, r))
         segment["radius"] = capsule["radius"]
         segment["link"] = capsule["link"]
+        if capsule["link"] == 0:
+            start, end = cross(frame["axis"], subtract(segment["start"], frame["origin"])), cross(frame["axis"], r)
+            put(segment["swing"], scale(frame["axis"], np.sqrt(max(dot(start, start), dot(end, end)))))
 
 
 @jit

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jssa_gym.kernels.capsules import capsule_pair, plane_pair
+from jssa_gym.kernels.capsules import capsule_pair, plane_pair, stands
 from jssa_gym.kernels.chain import forward, place, point_on
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import integrate
@@ -229,7 +229,7 @@ def assess(links, capsules, state, jerk, agents, planes, tau, index, after, fram
                 distance, s, r = capsule_pair(robot["start"], robot["end"], agent["start"], agent["end"], radii)
                 moving = approach(robot, agent, s, r, distance, index)
                 phi = index_value(distance, moving.rate, moving.curvature, index)
-            elif robot["link"] == 0:
+            elif stands(robot, planes[j - count]):
                 distance, s, r, phi = np.inf, 0.0, 0.0, -np.inf
             else:
                 plane = planes[j - count]
@@ -344,7 +344,7 @@ def exact_rows(
         for j in range(columns):
             if only >= 0 and i * columns + j != only:
                 continue
-            if j >= count and robot["link"] == 0:
+            if j >= count and stands(robot, planes[j - count]):
                 continue
             pair = pairs[i, j]
             if j < count:

@@ -63,6 +63,7 @@ SEGMENT = np.dtype(
         ("end_velocity", *_V),
         ("start_acceleration", *_V),
         ("end_acceleration", *_V),
+        ("swing", *_V),  # of the first link's capsules: the joint's axis times how far their ends are from it
         ("radius", np.float64),
         ("link", np.int64),
     ],

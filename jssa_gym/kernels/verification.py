@@ -11,7 +11,7 @@ next moment to look at is then.
 
 import numpy as np
 
-from jssa_gym.kernels.capsules import capsule_pair, plane_pair
+from jssa_gym.kernels.capsules import capsule_pair, plane_pair, stands
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import integrate, representable
@@ -184,13 +184,14 @@ def keeps_clear(
                 lasting = min(lasting, lasts)
             if rate <= REST:
                 continue
-            if robot["link"] > 0:
-                for k in range(planes.shape[0]):
-                    gap, _ = plane_pair(robot["start"], robot["end"], robot["radius"], planes[k])
-                    lasts = (gap - margin) / rate
-                    if not (lasts > _SHORTEST):
-                        return HALF_SPACE, i, k, t
-                    lasting = min(lasting, lasts)
+            for k in range(planes.shape[0]):
+                if stands(robot, planes[k]):
+                    continue
+                gap, _ = plane_pair(robot["start"], robot["end"], robot["radius"], planes[k])
+                lasts = (gap - margin) / rate
+                if not (lasts > _SHORTEST):
+                    return HALF_SPACE, i, k, t
+                lasting = min(lasting, lasts)
             for k in range(statics.shape[0]):
                 static = statics[k]
                 radii = robot["radius"] + static["radius"]

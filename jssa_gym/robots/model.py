@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from jssa_gym.exceptions import RobotModelError
 from jssa_gym.headless import choose_gl_backend
 from jssa_gym.kernels.records import CAPSULE, LINK, records
+from jssa_gym.robots.coverage import check_coverage
 from jssa_gym.robots.serial import called, serial_joints
 from jssa_gym.types import Array
 
@@ -124,8 +125,9 @@ class RobotModel:
         """Read a serial arm of hinge joints from an MJCF file.
 
         Joints, offsets and position ranges come from the file; capsules are its capsule and sphere geoms in group 3.
-        Two capsules are a self-collision pair if their links are neither equal nor neighbours and no
-        ``<contact><exclude/>`` names their bodies. MJCF has no velocity, acceleration or jerk limits.
+        A link that draws something needs some, or turns inside those of the link before it; what reaches out of them by
+        more than 5 mm is logged. Two capsules are a self-collision pair if their links are neither equal nor neighbours
+        and no ``<contact><exclude/>`` names their bodies. MJCF has no velocity, acceleration or jerk limits.
 
         Args:
             path: The MJCF file.
@@ -137,7 +139,7 @@ class RobotModel:
 
         Raises:
             RobotModelError: The file cannot be read, or holds what a serial arm of hinge joints with capsules
-                cannot be; the message names the joint or geom.
+                cannot be; the message names the joint, geom or link.
         """
         choose_gl_backend()
         import mujoco
@@ -158,13 +160,12 @@ class RobotModel:
         link_of_body = _link_of_body(model, joints)
         capsules, names, bodies = _capsules(model, link_of_body, anchors)
         tool_link, tool_offset = _tool(model, tool_site, link_of_body, anchors)
-        home = np.array(limits.position.mean(axis=1))
-        for k in range(model.nkey):
-            if model.key(k).name == home_key:
-                home = model.key_qpos[k].copy()
+        keys = [model.key_qpos[k].copy() for k in range(model.nkey) if model.key(k).name == home_key]
+        home = keys[-1] if keys else np.array(limits.position.mean(axis=1))
         low, high = limits.position.T
         if not np.all((low <= home) & (home <= high)):
             raise RobotModelError(f"keyframe '{home_key}' lies outside the position ranges: {home.tolist()}")
+        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP)
         return cls(
             name=_model_name(model) or path.stem,
             joint_names=tuple(model.joint(j).name or f"joint {j}" for j in joints),

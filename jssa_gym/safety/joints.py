@@ -134,6 +134,8 @@ class JointMonitor:
                     raise ValueError(f"it has shape {values.shape}, expected {shape}")
                 if isinstance(values, np.ma.MaskedArray):
                     raise ValueError("it is masked")
+                if values.dtype.kind not in "fiu":
+                    raise ValueError(f"it is {values.dtype}, expected real numbers")
                 if self._exact and values.dtype.kind == "f" and values.dtype.itemsize < 8:
                     raise ValueError(f"it is {values.dtype}, which without a state_tolerance has to be float64")
                 self._reading[row] = values

@@ -95,7 +95,7 @@ class Proximity:
     distance: Array
     """Robot capsule against agent, shape (m, k) [m]."""
     planes: Array
-    """Robot capsule against half-space, shape (m, p) [m]; inf for capsules of the first link."""
+    """Robot capsule against half-space, shape (m, p) [m]; inf where no joint can change it: a column stands on it."""
     own: Array
     """The robot's self-collision pairs, shape (len(robot.self_pairs),) [m]."""
     pair: tuple[int, int]

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
-from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.kernels.projection import clip
 from jssa_gym.kernels.records import AGENT, records
@@ -81,7 +80,6 @@ class SafetyFilter(ABC):
         self._applied = np.zeros(robot.n)
         self._clipped = np.zeros(robot.n)
         self._valid = np.ones(0, np.bool_)
-        self._none = records(0, AGENT)
         self._agents = records(0, AGENT)
 
     def _checked(self, params: Any) -> Any:
@@ -138,7 +136,8 @@ class SafetyFilter(ABC):
             return self._decide(scene, nominal)
         except Exception as error:  # kernels, not the scene: those are looked at where they are read
             _logger.exception("the control step failed; the arm brakes")
-            return self._brake(nominal, f"the control step failed: {type(error).__name__}: {error}")
+            reason = f"the control step failed: {type(error).__name__}: {error}"
+            return self._blind(scene, nominal, reason) if self._guard is None else self._brake(nominal, reason)
 
     def _decide(self, scene: Scene | None, nominal: Array) -> Decision:
         guard, watch, astray = self._guard, None, ""
@@ -284,8 +283,9 @@ class SafetyFilter(ABC):
             self._read_state(scene.robot)
         except Exception as worse:
             return self._fault(nominal, f"the joint state cannot be read: {worse}", readable=False)
-        fault = unsound(self._incoming, nominal, self._none)
-        return self._fault(nominal, FAULTS[fault] if fault else reason, readable=fault != 2)
+        if not np.isfinite(self._incoming).all():
+            return self._fault(nominal, FAULTS[2], readable=False)
+        return self._fault(nominal, reason if np.isfinite(nominal).all() else FAULTS[1])
 
     def _read_state(self, robot: JointState) -> None:
         shape = (self.robot.n,)

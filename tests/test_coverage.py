@@ -1,0 +1,140 @@
+"""What an arm's file draws has to be in its capsules: nothing else is measured. Oracle: geometry by hand."""
+
+import logging
+
+import mujoco
+import numpy as np
+import pytest
+
+from jssa_gym.exceptions import RobotModelError
+from jssa_gym.robots import RobotModel, lr_mate_200id_7l
+from jssa_gym.robots.coverage import coverage
+from jssa_gym.robots.model import COLLISION_GROUP, _link_of_body
+from jssa_gym.robots.serial import serial_joints
+
+TUBE = '<geom type="capsule" group="3" size=".05" fromto="0 0 0  .3 0 0"/>'
+"""A capsule from one joint to the next."""
+BEAM = '<geom name="{}" type="box" group="{}" size=".15 .03 .03" pos=".15 0 0"/>'
+"""A box that the capsule encloses but for the edges at its ends: those are at (0.3, 0.03, 0.03)."""
+
+
+def arm_xml(*links, base="", assets=""):
+    """An arm of hinges about z, 0.3 m apart, whose links hold these geoms."""
+    opened = "".join(
+        f'<body pos="{0.3 if i else 0.0} 0 0"><joint name="joint {i}" axis="0 0 1" range="-2 2"/>{geoms}'
+        for i, geoms in enumerate(links)
+    )
+    return (
+        f'<mujoco model="arm"><compiler angle="radian" autolimits="true"/>{assets}<worldbody>{base}'
+        f"{opened}{'</body>' * len(links)}</worldbody></mujoco>"
+    )
+
+
+def read(tmp_path, xml):
+    path = tmp_path / "arm.xml"
+    path.write_text(xml)
+    n = xml.count("<joint ")
+    return RobotModel.from_mjcf(path, velocity=np.ones(n), acceleration=np.ones(n), jerk=np.ones(n))
+
+
+def look(xml):
+    model = mujoco.MjModel.from_xml_string(xml)
+    joints = serial_joints(model)
+    return coverage(model, joints, _link_of_body(model, joints), np.zeros(model.nq), COLLISION_GROUP)
+
+
+@pytest.mark.parametrize("group", [0, 2, 4])
+def test_links_that_are_drawn_and_not_measured_are_refused_all_at_once(tmp_path, group):
+    """Three links, one capsule: the drawn arm went through a person who was a metre away from the capsule."""
+    beams = [BEAM.format(name, group) for name in ("upper", "fore", "hand")]
+    with pytest.raises(RobotModelError) as error:
+        read(tmp_path, arm_xml(TUBE + beams[0], *beams[1:]))
+    message = str(error.value)
+    # from the capsule's end to the corner (0.3, 0.03, 0.03) of the fore, and of the hand 0.3 m farther
+    fore, hand = (1e3 * (np.linalg.norm([x, 0.03, 0.03]) - 0.05) for x in (0.3, 0.6))
+    assert f"joint 'joint 1' draws geom 'fore', has no capsule, and reaches {fore:.0f} mm" in message
+    assert f"joint 'joint 2' draws geom 'hand', has no capsule, and reaches {hand:.0f} mm" in message
+    assert "joint 0" not in message
+
+
+def test_every_drawn_link_with_a_capsule_is_accepted(tmp_path):
+    """The same arm with its capsules, one of them on a body that is fixed to the link."""
+    links = [TUBE + BEAM.format(name, 2) for name in ("upper", "fore")]
+    hand = BEAM.format("hand", 0) + f"<body>{TUBE}</body>"
+    assert len(read(tmp_path, arm_xml(*links, hand)).capsules) == 3
+
+
+def test_links_that_draw_nothing_and_bases_need_no_capsules(tmp_path):
+    mass = '<inertial mass="1" pos="0 0 0" diaginertia=".1 .1 .1"/>'
+    base = '<geom name="plinth" type="box" size=".2 .2 .1" pos="0 0 -.2"/>'
+    assert read(tmp_path, arm_xml(TUBE, mass, TUBE, base=base)).n == 3
+
+
+def test_a_tool_that_turns_inside_the_capsule_before_it_needs_none(tmp_path):
+    """At every angle: one that lies inside only at home is refused."""
+    long = '<geom type="capsule" group="3" size=".1" fromto="0 0 0  .3 0 0"/>'
+    inside = '<geom name="flange" type="box" group="2" size=".05 .05 .05"/>'
+    assert read(tmp_path, arm_xml(long, inside)).n == 2
+    # at home it lies in the capsule; turned by 2 rad it reaches to (0.3, 0) + 0.1 (-cos, -sin)
+    lever = '<geom name="lever" type="sphere" group="2" size=".03" pos="-.1 0 0"/>'
+    with pytest.raises(RobotModelError, match=r"geom 'lever', has no capsule, and reaches 30 mm out of those of the"):
+        read(tmp_path, arm_xml(long, lever))
+
+
+CUBE = "-1 -1 -1  1 -1 -1  -1 1 -1  1 1 -1  -1 -1 1  1 -1 1  -1 1 1  1 1 1"
+MESH = f'<asset><mesh name="cube" scale=".15 .03 .03" vertex="{CUBE}"/></asset>'
+CORNER = np.hypot(0.03, 0.03)
+SHAPES = {
+    "box": (BEAM.format("drawn", 2), CORNER - 0.02),
+    "mesh": ('<geom type="mesh" mesh="cube" group="2" pos=".15 0 0"/>', CORNER - 0.02),
+    "cylinder": ('<geom type="cylinder" group="2" size=".03" fromto="0 0 0  .3 0 0"/>', 0.01),
+    "capsule": ('<geom type="capsule" group="2" size=".03" fromto="0 0 0  .4 0 0"/>', 0.11),
+    "sphere": ('<geom type="sphere" group="2" size=".03" pos=".3 .2 0"/>', 0.21),
+    "ellipsoid": ('<geom type="ellipsoid" group="2" size=".2 .03 .01" pos=".15 0 0"/>', 0.03),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_how_far_a_shape_reaches_out(shape):
+    """Of a capsule of radius 0.02 m along x, from 0 to 0.3 m."""
+    geom, expected = SHAPES[shape]
+    thin = TUBE.replace(".05", ".02")
+    (link,) = look(arm_xml(thin + geom, assets=MESH))
+    assert link.own == pytest.approx(expected, abs=1e-4)
+    assert link.joined == link.home == link.own
+    (covered,) = look(arm_xml(TUBE.replace(".05", ".25") + geom, assets=MESH))
+    assert (covered.own, covered.joined, covered.home) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("shape", ["box", "mesh", "cylinder", "capsule"])
+def test_a_long_shape_is_looked_at_between_its_ends(shape):
+    """Balls around both ends hold all corners, and leave out the middle: 0.15 m from either centre."""
+    geom, _ = SHAPES[shape]
+    balls = '<geom type="sphere" group="3" size=".1"/><geom type="sphere" group="3" size=".1" pos=".3 0 0"/>'
+    (link,) = look(arm_xml(balls + geom.replace(".4 0 0", ".3 0 0"), assets=MESH))
+    middle = {"box": np.hypot(0.15, CORNER), "mesh": np.hypot(0.15, CORNER), "cylinder": np.hypot(0.15, 0.03)}
+    assert link.own == pytest.approx(middle.get(shape, 0.18) - 0.1, abs=2e-3)
+
+
+def test_capsules_that_leave_out_a_good_part_are_noted(tmp_path, caplog):
+    short = '<geom type="capsule" group="3" size=".05" fromto="0 0 0  .2 0 0"/>'
+    with caplog.at_level(logging.WARNING, "jssa_gym"):
+        read(tmp_path, arm_xml(TUBE + BEAM.format("whole", 2), short + BEAM.format("cut", 2)))
+    # the corner at (0.3, 0.03, 0.03), from (0.2, 0, 0)
+    (record,) = caplog.records
+    assert record.getMessage().startswith(
+        "the link of joint 'joint 1' draws geom 'cut', which reaches 59 mm out of its capsules"
+    )
+
+
+def test_the_shipped_arm_is_covered(caplog):
+    """Every corner of every casting; the gripper turns with the last joint inside the wrist's capsule."""
+    robot = lr_mate_200id_7l()
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
+    joints = serial_joints(model)
+    links = coverage(model, joints, _link_of_body(model, joints), robot.home, COLLISION_GROUP)
+    assert [link.link for link in links] == list(range(6))
+    assert [bool(link.capsules) for link in links] == [True] * 5 + [False]
+    assert all(link.own == 0.0 for link in links[:5])
+    assert all(link.joined == link.home == 0.0 for link in links)
+    assert not caplog.records
