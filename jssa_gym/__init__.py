@@ -15,6 +15,7 @@ from jssa_gym.exceptions import JSSAGymError
 if TYPE_CHECKING:
     from jssa_gym.control import JPCAction
     from jssa_gym.envs.arm import ArmEnv
+    from jssa_gym.envs.check import EnvReport, check_env
     from jssa_gym.envs.faults import FAULTS, SensorFaults
     from jssa_gym.envs.repeat import ActionRepeat
     from jssa_gym.envs.sensor import SensorModel
@@ -46,6 +47,7 @@ _HOMES = {
     "CapsuleSet": "jssa_gym.types",
     "Decision": "jssa_gym.types",
     "Domain": "jssa_gym.safety.boundary",
+    "EnvReport": "jssa_gym.envs.check",
     "FAULTS": "jssa_gym.envs.faults",
     "FILTERS": "jssa_gym.shields",
     "FailsafeParams": "jssa_gym.safety.failsafe",
@@ -73,6 +75,7 @@ _HOMES = {
     "Status": "jssa_gym.types",
     "StraightPolicy": "jssa_gym.policies",
     "certify": "jssa_gym.safety.certify",
+    "check_env": "jssa_gym.envs.check",
     "evaluate": "jssa_gym.evaluation",
     "load_policy": "jssa_gym.policies",
     "make_filter": "jssa_gym.shields",
@@ -90,6 +93,7 @@ __all__ = [
     "CapsuleSet",
     "Decision",
     "Domain",
+    "EnvReport",
     "FailsafeParams",
     "HoldPolicy",
     "HumanMotion",
@@ -114,6 +118,7 @@ __all__ = [
     "StraightPolicy",
     "__version__",
     "certify",
+    "check_env",
     "evaluate",
     "load_policy",
     "make_filter",

@@ -1,18 +1,25 @@
 """People for tests of perception: every capsule end wanders by itself, never faster than a bound, often at it."""
 
+import functools
 from typing import ClassVar
 
 import gymnasium as gym
 import numpy as np
 
 from jssa_gym.humans import nobody
+from jssa_gym.robots import RobotModel, lr_mate_200id_7l
 from jssa_gym.types import CapsuleSet, JointState, Planes, Scene
 
 DT = 0.008
 
 
+@functools.cache
+def _arm() -> RobotModel:
+    return lr_mate_200id_7l()
+
+
 class Stage(gym.Env):
-    """Two people of three capsules; ``truth[k]`` are the ends and velocities (4, m, 3) of tick k.
+    """An arm that rests and two people of three capsules; ``truth[k]`` are the ends and velocities (4, m, 3) of tick k.
 
     Ends are at full speed or, with ``rest``, at rest now and then.
     """
@@ -27,6 +34,10 @@ class Stage(gym.Env):
         self.action_space = gym.spaces.Box(-1.0, 1.0, (6,), np.float32)
         self.observation_space = gym.spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.truth: list[np.ndarray] = []
+
+    @property
+    def robot(self) -> RobotModel:
+        return _arm()
 
     def _velocities(self) -> np.ndarray:
         vectors = self.np_random.standard_normal((2, 6, 3))

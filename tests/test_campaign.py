@@ -23,6 +23,7 @@ from jssa_gym.evaluation.campaign import PRESETS, SPACING, Campaign, Cell, Grid
 from jssa_gym.evaluation.contenders import (
     CONTENDERS,
     FAULTS,
+    JOINTS,
     LATENCIES,
     PEOPLE,
     REPORTED,
@@ -280,7 +281,9 @@ def test_what_is_within_the_assumptions():
     assert not within_assumptions("pursuit x1.25", "none")
     assert not within_assumptions("pursuit", "unmodelled 50 ms")
     assert not within_assumptions("pursuit", "silent freeze")
-    for name in ("claim", "quick"):
+    assert within_assumptions("hand", "people and joints")
+    assert set(JOINTS) == {name for name, faults in SENSOR_FAULTS.items() if faults.joints}
+    for name in ("claim", "quick", "joints"):
         for grid in PRESETS[name]:
             assert all(within_assumptions(h, f) for h in grid.humans for f in grid.faults)
     assert sum(len(seeds) for seeds in Campaign(PRESETS["claim"]).seeds().values()) >= 10_000
@@ -318,6 +321,7 @@ BROKEN = {
     "no_speed": ("pursuit", "wander", "none"),
     "no_age": ("pursuit", "wander", "latency 100 ms"),
     "no_lag": ("pursuit", "wander", "none"),
+    "no_joint_check": ("pursuit", "bang_bang", "stale joints"),
     "no_verification": ("pursuit", "wander", "none"),
     "off_by_one": ("pursuit", "wander", "none"),
     "no_limits": ("approach_retreat", "limit_seeking", "none"),
@@ -336,6 +340,36 @@ def test_a_missing_guard_shows_and_the_whole_shield_stands_the_same_episode(name
     episode = first_broken(name, range(5))
     assert episode is not None
     assert first_broken("lag" if name == "no_lag" else "full", [episode.seed]) is None
+
+
+@pytest.mark.parametrize("fault", JOINTS)
+def test_wrong_joint_readings_break_a_shield_that_believes_them_and_not_the_whole_one(fault):
+    def play(shield):
+        # the milder ones need longer
+        arena = Arena(Campaign(TINY.grids, steps=500), Cell(shield, "pursuit", "bang_bang", fault))
+        return [arena.play(seed) for seed in range(3)]
+
+    assert not any(episode.broken or episode.exceeds for episode in play("full"))
+    weakened = play("no_joint_check")
+    if fault == "rare joint faults":
+        assert any(a.digest != b.digest for a, b in zip(play("full"), weakened, strict=True))
+    else:
+        assert any(episode.touched_moving or episode.exceeds for episode in weakened)
+
+
+def test_a_campaign_does_not_say_what_it_expects(tmp_path, caplog):
+    def said(fault):
+        campaign = Campaign((Grid(("full",), ("hand",), ("wander",), (fault,), 1),), steps=60)
+        (chunk,) = Ledger(tmp_path / fault, campaign, Episode, "1").chunks(1)
+        caplog.clear()
+        play(chunk)
+        return [record.message for record in caplog.records]
+
+    assert said("noisy joints") == []
+    # elsewhere it is said
+    arena = Arena(Campaign(TINY.grids, steps=60), Cell("full", "hand", "wander", "noisy joints"))
+    arena.play(0)
+    assert any("not where the applied jerks lead" in record.message for record in caplog.records)
 
 
 # ---- the second judge --------------------------------------------------------------------------------

@@ -37,9 +37,9 @@ class Stress:
     if a shield broke its promise within the assumptions or MuJoCo disagreed.
     """
 
-    preset: Literal["quick", "claim", "power", "avoid", "degradation"] = "quick"
-    """What is tried: a check in seconds; the promise; shields without a guard; harmless people; worse than assumed.
-    The next five replace a part of it."""
+    preset: Literal["quick", "claim", "power", "joints", "avoid", "degradation"] = "quick"
+    """What is tried: a check in seconds; the promise; shields without a guard; wrong joint states and clocks, with and
+    without the guard against them; harmless people; worse than assumed. The next five replace a part of it."""
     filters: Annotated[tuple[str, ...], SHIELDS] = ()
     humans: Annotated[tuple[str, ...], HUMAN] = ()
     policies: Annotated[tuple[str, ...], OPPONENTS] = ()

@@ -3,11 +3,18 @@
 from dataclasses import dataclass
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.validation import number_within, positive_integer
+from jssa_gym.validation import known_name, number_within, positive_integer
 
-_LENGTHS = ("noise", "velocity_noise", "latency", "jitter", "outlier_size")
-_CHANCES = ("dropout", "freeze", "outlier", "swap", "misstamp")
-_TICKS = ("dropout_ticks", "freeze_ticks", "outlier_ticks", "swap_ticks")
+GLITCHES = ("rest", "acceleration", "position", "huge", "noise")
+"""What a joint state can read wrongly; see :attr:`SensorFaults.joint_glitch_kind`."""
+
+_LENGTHS = ("noise", "velocity_noise", "latency", "jitter", "outlier_size", "joint_glitch_size", "joint_drift")
+_JOINTS = ("joint_freeze", "joint_glitch", "joint_drift", "lag", "freeze_scene")
+_CHANCES = ("dropout", "freeze", "outlier", "swap", "misstamp", "joint_freeze", "joint_glitch", "lag", "freeze_scene")
+_TICKS = (
+    *("dropout_ticks", "freeze_ticks", "outlier_ticks", "swap_ticks"),
+    *("joint_freeze_ticks", "joint_glitch_ticks", "lag_ticks", "lag_age", "freeze_scene_ticks"),
+)
 _FLAGS = ("reorder", "blank", "freeze_reported")
 
 
@@ -18,6 +25,8 @@ class SensorFaults:
     Probabilities are per tick, of a fault's beginning while it is not on already; it then lasts a number of ticks
     drawn evenly from 1 to ``..._ticks``. Faults of the measurement (noise, dropout, outliers, swaps) travel with the
     sample, so that latency delays them too.
+
+    Faults of the joint state and of the clock begin after the reset: what is delivered then is right.
 
     Raises:
         ParameterError: A value is out of range.
@@ -57,6 +66,28 @@ class SensorFaults:
     """Probability that a delivery has a wrong age."""
     shift: float = 0.1
     """By how much the age is overstated then [s]; a negative one makes old data look young."""
+    joint_freeze: float = 0.0
+    """Probability that the last joint state is delivered again; people and clock go on."""
+    joint_freeze_ticks: int = 1
+    joint_glitch: float = 0.0
+    """Probability that the joint state reads something else."""
+    joint_glitch_ticks: int = 1
+    joint_glitch_kind: str = "any"
+    """What: ``rest`` (velocity and acceleration read 0), ``acceleration`` (all read minus ``size`` of their limits),
+    ``position`` (all read ``size`` rad more), ``huge`` (velocities read 1e308), ``noise`` (every value is off by up to
+    ``size`` of its limit, another in every tick), or ``any``, drawn for each glitch."""
+    joint_glitch_size: float = 1.0
+    joint_drift: float = 0.0
+    """The joint state reads more by this share of every limit (of the range for positions) in every tick: a bias that
+    grows."""
+    lag: float = 0.0
+    """Probability that whole scenes, clock included, are delivered late."""
+    lag_ticks: int = 1
+    lag_age: int = 1
+    """How many ticks late."""
+    freeze_scene: float = 0.0
+    """Probability that the last scene is delivered again, the same object, its clock stopped."""
+    freeze_scene_ticks: int = 1
 
     def __post_init__(self) -> None:
         for name in _LENGTHS:
@@ -69,12 +100,25 @@ class SensorFaults:
             if not isinstance(getattr(self, name), bool):
                 raise ParameterError(f"{name} has to be True or False, got {getattr(self, name)!r}")
         number_within("shift", self.shift, -10.0, 10.0)
+        known_name("joint_glitch_kind", self.joint_glitch_kind, ("any", *GLITCHES))
         if isinstance(self.missing, str) or not all(isinstance(name, str) for name in self.missing):
             raise ParameterError(f"missing has to be a tuple of body parts, got {self.missing!r}")
 
     @property
     def reported(self) -> bool:
         """Whether age and validity, with the bound on the noise, tell all: nothing delivered as good is wrong."""
+        return self.seen and not self.joints
+
+    @property
+    def joints(self) -> bool:
+        """Whether the joint state or the clock is wrong now and then."""
+        return any(getattr(self, name) > 0.0 for name in _JOINTS)
+
+    @property
+    def seen(self) -> bool:
+        """Whether all that is wrong can be seen: what is not reported is contradicted by where the applied jerks must
+        have led, or by a clock that does not keep up with the ticks.
+        """
         lies = self.outlier > 0.0 or self.swap > 0.0 or (self.misstamp > 0.0 and self.shift < 0.0)
         return not (lies or (self.freeze > 0.0 and not self.freeze_reported))
 
@@ -110,5 +154,36 @@ FAULTS: dict[str, SensorFaults] = {
     "long outliers": SensorFaults(outlier=0.005, outlier_ticks=50),
     "swapped identities": SensorFaults(swap=0.01, swap_ticks=20),
     "future stamps": SensorFaults(misstamp=0.05, shift=-0.05),
+    "stale joints": SensorFaults(joint_freeze=0.01, joint_freeze_ticks=50),
+    "joint glitch": SensorFaults(joint_glitch=0.02),
+    "lasting joint glitch": SensorFaults(joint_glitch=0.005, joint_glitch_ticks=100),
+    "noisy joints": SensorFaults(joint_glitch=1.0, joint_glitch_kind="noise", joint_glitch_size=1e-3),
+    "drift": SensorFaults(joint_drift=5e-7),
+    "lagging scene": SensorFaults(lag=0.01, lag_ticks=100, lag_age=3),
+    "late scene": SensorFaults(lag=1.0, lag_ticks=1000),
+    "stale scene": SensorFaults(freeze_scene=0.01, freeze_scene_ticks=50),
+    "rare joint faults": SensorFaults(
+        joint_freeze=0.005,
+        joint_freeze_ticks=3,
+        joint_glitch=0.005,
+        lag=0.005,
+        lag_ticks=3,
+        freeze_scene=0.005,
+        freeze_scene_ticks=3,
+    ),
+    "people and joints": SensorFaults(
+        noise=0.01,
+        velocity_noise=0.1,
+        latency=0.03,
+        dropout=0.02,
+        dropout_ticks=5,
+        joint_freeze=0.002,
+        joint_freeze_ticks=20,
+        joint_glitch=0.005,
+        joint_glitch_ticks=10,
+        freeze_scene=0.002,
+        freeze_scene_ticks=20,
+    ),
 }
-"""Settings for campaigns; :attr:`SensorFaults.reported` separates those that age and validity tell about."""
+"""Settings for campaigns; :attr:`SensorFaults.reported` separates those that age and validity tell about,
+:attr:`SensorFaults.seen` those that a shield notices besides."""

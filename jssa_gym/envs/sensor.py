@@ -1,4 +1,4 @@
-"""What a perception system makes of the people: noise, delay, gaps and lies, between environment and shield."""
+"""What a perception system makes of people and arm: noise, delay, gaps and lies, between environment and shield."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, fields
@@ -8,8 +8,11 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.envs.bursts import Bursts
 from jssa_gym.envs.faults import FAULTS, SensorFaults
-from jssa_gym.exceptions import ParameterError
+from jssa_gym.envs.proprioception import Proprioception
+from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Scene
 from jssa_gym.validation import known_name, number_within, positive_integer
 
@@ -29,28 +32,6 @@ class _Sample(NamedTuple):
     """When each capsule was measured, -inf for never, shape (m,) [s]."""
     measured: NDArray[np.bool_]
     """Shape (m,)."""
-
-
-class _Bursts:
-    """Faults that begin by chance and last for some ticks, independent of each other."""
-
-    def __init__(self, probability: float, longest: int, count: int = 1) -> None:
-        self._probability, self._longest = probability, longest
-        self._left = np.zeros(count, np.int64)
-
-    def step(self, rng: np.random.Generator) -> NDArray[np.bool_]:
-        """Go on by a tick; which ones begin, shape (count,)."""
-        if self._probability == 0.0:
-            return self.on
-        self._left = np.maximum(self._left - 1, 0)
-        began = (self._left == 0) & (rng.random(len(self._left)) < self._probability)
-        self._left[began] = rng.integers(1, self._longest + 1, np.count_nonzero(began))
-        return began
-
-    @property
-    def on(self) -> NDArray[np.bool_]:
-        """Which ones are on, shape (count,)."""
-        return self._left > 0
 
 
 def _ball(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
@@ -74,15 +55,16 @@ def _stream(env: gym.Env, seed: int | None, rng: np.random.Generator | None, key
 
 
 class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
-    """Shows a shield the people as a perception system with faults would.
+    """Shows a shield people and arm as a perception system with faults would.
 
     It goes between environment and shield, ``JSSAShield(SensorModel(env, "long dropouts"))``, and overrides
-    ``scene``: the people's capsules with their ``age`` and ``valid``. The arm's joint state is the commanded one and
-    stays untouched, and so do the environment, its observation and its ``info``: metrics see the truth. A scene is
-    made once a tick; reading it again gives the same object. Before the first sample has arrived the capsules are
-    NaN, not valid and of infinite age.
+    ``scene``: the people's capsules with their ``age`` and ``valid``; with faults of the joints, also the joint state
+    and the clock, from the first step on. Environment, observation and ``info`` stay untouched: metrics see the truth.
+    A scene is made once a tick; reading it again gives the same object. Before the first sample has arrived the
+    capsules are NaN, not valid and of infinite age.
 
-    The faults are drawn from a generator of their own, seeded by ``reset(seed=...)``: same seed, same bits.
+    The faults are drawn from generators of their own, seeded by ``reset(seed=...)``: same seed, same bits. Those of the
+    joints have another one than those of the people.
 
     Args:
         env: An environment that offers ``scene``.
@@ -90,6 +72,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     Raises:
         ParameterError: Unknown faults; at ``reset``, ``missing`` names a body part that nobody has.
+        InterfaceError: The environment has no ``robot``, whose limits faults of the joints are shares of.
     """
 
     def __init__(self, env: gym.Env, faults: SensorFaults | str | Mapping[str, Any]) -> None:
@@ -104,6 +87,14 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, faults=asdict(faults))  # JSON can hold it
         gym.Wrapper.__init__(self, env)
         self.faults = faults
+        self._joints: Proprioception | None = None
+        if faults.joints:
+            robot = env.get_wrapper_attr("robot") if env.has_wrapper_attr("robot") else None
+            if not isinstance(robot, RobotModel):
+                raise InterfaceError(
+                    f"faults of the joints are shares of their limits: {env} has no robot (RobotModel)"
+                )
+            self._joints = Proprioception(faults, robot.limits)
         self._rng: np.random.Generator | None = None
         self._scene: Scene | None = None
 
@@ -125,6 +116,8 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         truth = self.env.get_wrapper_attr("scene")
         self._begin(truth)
         self._scene = self._perceive(truth, self._rng)
+        if self._joints is not None:
+            self._joints.reset(self._scene, _stream(self.env, seed, self._joints.rng, 0x301A7))
         return result
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -133,6 +126,8 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
             raise gym.error.ResetNeeded("reset() has to come before step()")
         result = self.env.step(action)
         self._scene = self._perceive(self.env.get_wrapper_attr("scene"), self._rng)
+        if self._joints is not None:
+            self._scene = self._joints.perceive(self._scene)
         return result
 
     def _begin(self, truth: Scene | None) -> None:
@@ -142,11 +137,11 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
             raise ParameterError(f"unknown body parts {unknown} in missing; valid: {', '.join(dict.fromkeys(names))}")
         faults, m = self.faults, len(names)
         self._absent = np.array([name in faults.missing for name in names], np.bool_)
-        self._dropouts = _Bursts(faults.dropout, faults.dropout_ticks, m)
-        self._outliers = _Bursts(faults.outlier, faults.outlier_ticks, m)
-        self._swaps = _Bursts(faults.swap, faults.swap_ticks)
-        self._freezes = _Bursts(faults.freeze, faults.freeze_ticks)
-        self._misstamps = _Bursts(faults.misstamp, 1)
+        self._dropouts = Bursts(faults.dropout, faults.dropout_ticks, m)
+        self._outliers = Bursts(faults.outlier, faults.outlier_ticks, m)
+        self._swaps = Bursts(faults.swap, faults.swap_ticks)
+        self._freezes = Bursts(faults.freeze, faults.freeze_ticks)
+        self._misstamps = Bursts(faults.misstamp, 1)
         self._elsewhere, self._order = np.zeros((m, 3)), np.arange(m)
         nothing = _Sample(-1, -np.inf, np.full((4, m, 3), np.nan), np.full(m, -np.inf), np.zeros(m, np.bool_))
         self._last = self._arrived = self._shown = nothing
@@ -241,7 +236,7 @@ class MissedTicks(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, probability=probability, longest=longest)
         gym.Wrapper.__init__(self, env)
         self._rng: np.random.Generator | None = None
-        self._gaps = _Bursts(self.probability, self.longest)
+        self._gaps = Bursts(self.probability, self.longest)
 
     @property
     def scene(self) -> Scene | None:
@@ -252,7 +247,7 @@ class MissedTicks(gym.Wrapper, gym.utils.RecordConstructorArgs):
         """Reset the environment; a seed seeds the gaps too."""
         result = self.env.reset(seed=seed, options=options)
         self._rng = _stream(self.env, seed, self._rng, 0x6A95)
-        self._gaps = _Bursts(self.probability, self.longest)
+        self._gaps = Bursts(self.probability, self.longest)
         return result
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:

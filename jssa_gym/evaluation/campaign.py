@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any, NamedTuple, TypeVar
 
 from jssa_gym.envs.tasks import TASKS
-from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, LATENCIES, MULTIPLES, PEOPLE, REPORTED
+from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, JOINTS, LATENCIES, MULTIPLES, PEOPLE, REPORTED
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES
 from jssa_gym.validation import known_name, number_within, positive_integer
@@ -131,11 +131,21 @@ PRESETS: dict[str, tuple[Grid, ...]] = {
             episodes=100,
         ),
         Grid(("full", "no_age"), _ATTACKERS, _RESTLESS, ("latency 100 ms",), 100),
+        Grid(("full", "no_joint_check"), _ATTACKERS, _RESTLESS, ("stale joints",), 100),
         Grid(
             ("full", "stop", "closest_row", "one_step"),
             ("approach_retreat", "walk_by"),
             ("hold", "wander"),
             episodes=250,
+        ),
+    ),
+    "joints": (
+        Grid(
+            ("full", "no_joint_check"),
+            (*_ATTACKERS, "feint", "two", "walk_by"),
+            ("constant", *_RESTLESS),
+            JOINTS,
+            4,
         ),
     ),
     "avoid": (
@@ -156,6 +166,6 @@ PRESETS: dict[str, tuple[Grid, ...]] = {
         Grid(("full",), _ATTACKERS, ("wander", "chase"), tuple(f"unmodelled {ms} ms" for ms in LATENCIES), 25),
     ),
 }
-"""Campaigns by name: a check in seconds, the promise of the whole shield, the power to see a missing guard, harmless
-people, and people faster or measurements later than assumed.
+"""Campaigns by name: a check in seconds, the promise of the whole shield, the power to see a missing guard, joint
+states and clocks that are wrong, harmless people, and people faster or measurements later than assumed.
 """

@@ -105,6 +105,19 @@ class _OffByOne(VerifiedStop):
         return verdict
 
 
+class _Credulous(VerifiedStop):
+    """Believes every joint state that is finite, and plans from it."""
+
+    def follow(self, robot: Any, time: Any) -> str:
+        wrong = super().follow(robot, time)
+        state = np.array(robot, np.float64)
+        if not wrong or not np.isfinite(state).all():
+            return wrong
+        self.expected[:] = state
+        self._replan()
+        return ""
+
+
 class _Boundless(VerifiedStop):
     """Knows no joint ranges and no speed limits; its stops keep acceleration and jerk limits."""
 
@@ -164,6 +177,10 @@ CONTENDERS: dict[str, Contender] = {
     "no_age": Contender(
         lambda env, params: JSSAShield(Ageless(env), failsafe=params),
         without="the age of measurements: moving contact",
+    ),
+    "no_joint_check": Contender(
+        partial(_weakened, _Credulous),
+        without="the comparison of joint readings with where the applied jerks led: moving contact, limit violation",
     ),
     "no_verification": Contender(
         lambda env, params: JSSAShield(env, failsafe=False), without="the verified stop: moving contact"
@@ -230,9 +247,13 @@ REPORTED = (*(name for name, faults in SENSOR_FAULTS.items() if faults.reported)
 """Faults within the assumptions: age and validity, with the bound on the noise, tell all."""
 
 
+JOINTS = tuple(name for name, faults in SENSOR_FAULTS.items() if faults.seen and not faults.reported)
+"""Faults of joint state and clock, which a shield has to notice by itself."""
+
+
 def within_assumptions(human: str, fault: str) -> bool:
     """Whether a shield that promises something has to keep its promise with these people under this fault."""
-    return human not in TOO_FAST and fault in (*REPORTED, f"unmodelled {LATENCIES[0]} ms")
+    return human not in TOO_FAST and fault in (*REPORTED, *JOINTS, f"unmodelled {LATENCIES[0]} ms")
 
 
 def spoiled(env: gym.Env, fault: str) -> gym.Env:

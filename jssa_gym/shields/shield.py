@@ -18,6 +18,7 @@ from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.copying import own_copy
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
+from jssa_gym.shields.wrappers import refuse_other_actions
 from jssa_gym.types import Decision, Scene, Status
 
 _logger = logging.getLogger("jssa_gym")
@@ -39,25 +40,14 @@ def _provider(env: gym.Env, name: str) -> Any:
     return layer
 
 
-def _refuse_other_actions(env: gym.Env) -> None:
-    """Refuse wrappers under which an action is no jerk of one control step: a shield would certify something else."""
-    layer: Any = env
-    while isinstance(layer, gym.Wrapper):
-        if getattr(layer, "outside_shield", False):
-            raise InterfaceError(
-                f"{type(layer).__name__} belongs outside the shield, which filters the jerk of every control step"
-            )
-        layer = layer.env
-
-
 class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Runs every action through a safety filter.
 
     The environment, ours or not, has to offer ``robot``, ``dt`` and ``scene``, anywhere in its wrapper chain, and
-    take actions in [-1, 1]: fractions of the robot's jerk bounds, one a control step. A wrapper inside that makes
-    something else of them says so by ``outside_shield = True`` and is refused. An action is read once; one that the
-    filter leaves alone is forwarded as a copy, equal in values and type; others as float64, since rounding to float32
-    can break a row. Shares times bounds are the jerks that were decided, to the bit.
+    take actions in [-1, 1]: fractions of the robot's jerk bounds, one a control step. Wrappers inside that change,
+    repeat or drop actions are refused, see :func:`~jssa_gym.shields.wrappers.refuse_other_actions`. An action is read
+    once; one that the filter leaves alone is forwarded as a copy, equal in values and type; others as float64, since
+    rounding to float32 can break a row. Shares times bounds are the jerks that were decided, to the bit.
 
     Keys added to ``info`` after ``step``: ``shield/status`` (int, see :class:`~jssa_gym.types.Status`),
     ``shield/reason`` (str), ``shield/intervened`` (bool), ``shield/phi`` [m²], ``shield/correction`` (largest change
@@ -78,7 +68,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, filter=filter)
         gym.Wrapper.__init__(self, env)
         self._source: Any = None
-        _refuse_other_actions(env)
+        refuse_other_actions(env)
         robot = _provider(env, "robot").robot
         dt = float(_provider(env, "dt").dt)
         if not isinstance(robot, RobotModel):
