@@ -547,9 +547,6 @@ def test_a_shield_notices_every_wrong_joint_state_and_stays_inside_the_limits(na
         assert faults < 390
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a late scene of an arm at rest is believed again before its clock has caught up"
-)
 def test_a_scene_that_is_late_is_noticed_though_the_arm_rests():
     # joints that rest look the same at all times: only the clock tells that the people are those of the past
     sensor = SensorModel(gym.make("jssa_gym/Home-v0", human="walk_by", terminate_on=()), "lagging scene")

@@ -5,7 +5,7 @@ import numpy as np
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.vector import dot, subtract
 
-GOOD, UNMEASURED, OLDER, FROZEN, JUMPED, PERSON, NEGATIVE, UNREADABLE = range(8)
+GOOD, UNMEASURED, OLDER, FROZEN, JUMPED, PERSON, NEGATIVE, UNREADABLE, HOLLOW = range(9)
 """What became of a sample; from PERSON on whoever delivers it cannot be relied on at all."""
 
 COVERED, LOST, NEVER, BROKEN = range(4)
@@ -23,12 +23,12 @@ LENGTH_ROUNDING = 1e-6
 
 @jit
 def _readable(ends, j, radius):
-    """Whether all numbers of a sample are finite and the radius is one: a capsule without is no body."""
+    """Whether all numbers of a sample are finite and the radius is one."""
     for row in range(4):
         for k in range(3):
             if not np.isfinite(ends[row, j, k]):
                 return False
-    return np.isfinite(radius) and radius > 0.0
+    return np.isfinite(radius) and radius >= 0.0
 
 
 @jit
@@ -65,6 +65,8 @@ def _judge(time, ends, j, radius, age, valid, person, error, track):
         return UNMEASURED
     if not (_readable(ends, j, radius) and np.isfinite(age)):
         return UNREADABLE
+    if radius == 0.0:
+        return HOLLOW
     if age < -STAMP_ROUNDING:
         return NEGATIVE
     stamp = time - max(age, 0.0)

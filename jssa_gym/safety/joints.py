@@ -51,7 +51,7 @@ class Reading(NamedTuple):
     state: Array | None
     """Shape (3, n) [rad, rad/s, rad/s²]; None if it cannot be used at all."""
     late: int
-    """Ticks, beyond this one, that have passed by the clock since the last reading of it."""
+    """Ticks without a decision that have passed, by the clock, since a reading was right for the last time."""
     reason: str
     """What is wrong with the form of the state, or with the clock; empty if nothing is."""
 
@@ -107,12 +107,13 @@ class JointMonitor:
     def _forget(self) -> None:
         """What was wrong with readings, and what they were."""
         self._last[:] = self._anchor[:] = self._past[:] = np.nan
-        self._newest, self._late = 0, 0
+        self._newest = 0
         # how many readings have to be right in a row before they are believed again; how many were wrong in a row, and
         # believed; how often they were wrong after they had been believed
         self._owed, self._wrong, self._believed, self._lapses = 0, 0, 0, 0
-        # ticks by which the clock is ahead of the control steps, now and lately, and what a lag asks it to reach
-        self._offset, self._due = 0.0, -math.inf
+        # ticks by which the clock is ahead of the control steps: now, when a reading was right for the last time, what
+        # a lag asks it to reach; and lately
+        self._offset, self._settled, self._due = 0.0, 0.0, -math.inf
         self._offsets[:] = -math.inf
 
     def _begin(self) -> None:
@@ -129,12 +130,12 @@ class JointMonitor:
         self._ticks += 1
         clock, reason = self._date(time), self._take(robot)
         if reason:
-            return Reading(None, self._late, reason)
+            return Reading(None, 0, reason)
         if not self.begun:
             self._begin()
         if not self.begun:
-            return Reading(None, self._late, MOVING)
-        return Reading(self._reading, self._late, clock)
+            return Reading(None, 0, MOVING)
+        return Reading(self._reading, max(round(self._offset - self._settled), 0), clock)
 
     def _take(self, robot: Any) -> str:
         """Into ``self._reading``; why that is impossible, or nothing."""
@@ -172,10 +173,7 @@ class JointMonitor:
         if now == self._time:
             return f"the clock stands still at {now:g} s: the joint state is not of this tick"
         passed = 1.0 if math.isnan(self._time) else (now - self._time) / self.dt
-        if passed > 1.0:
-            # rounded to ticks, and no more than a day of them
-            self._late = max(self._late + max(round(min(passed, 1e7)), 1) - self._ticks, 0)
-        self._offset += passed - self._ticks
+        self._offset += min(passed, 1e7) - self._ticks  # no more than a day of ticks at once
         self._time, self._ticks = now, 0
         return ""
 
@@ -203,12 +201,12 @@ class JointMonitor:
             self._wrong, self._believed = self._wrong + 1, 0
             self._owed = AGREEMENTS << min(self._lapses - 1, _DOUBLINGS)
             return WRONG[code] if code in WRONG else self._lagging(code - LAGS + 1)
-        self._wrong, self._late = 0, 0
+        self._wrong = 0
         if reading.reason:
             return reading.reason
         if self._offset < self._due:
             return self._lagging(math.ceil(self._due - self._offset))
-        self._due = -math.inf
+        self._due, self._settled = -math.inf, self._offset
         if self._owed:
             self._owed -= 1
         if self._owed:
@@ -253,9 +251,7 @@ class JointMonitor:
         except (TypeError, ValueError) as error:
             raise ParameterError(f"the clock cannot be read: {error}") from error
         if old:
-            raise ParameterError(
-                f"the reading is of {time} s, the last one of {self._time:g} s: it has to be a newer one"
-            )
+            raise ParameterError(f"the reading is of {time} s, the last one of {self._time:g} s: it has to be newer")
         position = self._reading[0]
         still = np.array([position, np.zeros_like(position), np.zeros_like(position)])
         if not self.agrees(self._reading, still):

@@ -21,7 +21,8 @@ _VERDICTS = (
     "jumped farther than it can have moved",
     "of another person than before",
     "from the future",
-    "not finite, or without a radius",
+    "not finite",
+    "without a radius",
 )
 
 
