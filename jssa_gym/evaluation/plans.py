@@ -90,11 +90,15 @@ def _factory(name: str, trust_pickle: bool = False) -> Callable[[gym.Env, int], 
 
 
 def _check(plan: "Study | Single") -> None:
-    if positive_integer("episodes", plan.episodes) > SPACING:
+    for name, value in (
+        ("episodes", positive_integer("episodes", plan.episodes)),
+        ("seed", whole_number("seed", plan.seed)),
+        ("steps", positive_integer("steps", plan.steps)),
+        ("v_safe", number_within("v_safe", plan.v_safe, 0.0)),
+    ):
+        object.__setattr__(plan, name, value)  # JSON holds no numbers of numpy
+    if plan.episodes > SPACING:
         raise ParameterError(f"episodes has to be at most {SPACING} of a combination, got {plan.episodes}")
-    whole_number("seed", plan.seed)
-    positive_integer("steps", plan.steps)
-    number_within("v_safe", plan.v_safe, 0.0)
     if not isinstance(plan.separation, SeparationParams):
         raise ParameterError(f"separation has to be SeparationParams, got {plan.separation!r}")
 
