@@ -32,7 +32,7 @@ Command = Annotated[
 
 
 def main() -> None:
-    """Run a command; a bad input ends in one line and exit code 2."""
+    """Run a command; a bad input ends in one line and exit code 2, Ctrl-C in one line and exit code 130."""
     if sys.argv[1:] == ["--version"]:
         print(f"jssa-gym {package_version()}")
         return
@@ -41,3 +41,6 @@ def main() -> None:
     except JSSAGymError as error:
         print(f"jssa-gym: {error}", file=sys.stderr)
         raise SystemExit(2) from error
+    except KeyboardInterrupt:  # of commands that do not know better what they leave behind
+        print("jssa-gym: stopped; give the same command again", file=sys.stderr)
+        raise SystemExit(130) from None

@@ -2,6 +2,7 @@
 
 import hashlib
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -214,9 +215,9 @@ def drawn(cell: Cell, seed: int, share: float) -> bool:
     return int.from_bytes(number[:6], "big") < share * 2**48
 
 
-def play(chunk: Chunk[Campaign, Cell]) -> list[Episode]:
+def play(chunk: Chunk[Campaign, Cell]) -> Iterator[Episode]:
     """Play episodes of one cell and judge those that have to be."""
-    campaign, episodes = chunk.plan, []
+    campaign = chunk.plan
     arena = Arena(campaign, chunk.cell)
     careful = CONTENDERS[chunk.cell.filter].promises
     for seed in chunk.seeds:
@@ -228,5 +229,4 @@ def play(chunk: Chunk[Campaign, Cell]) -> list[Episode]:
                 chunk.traces.mkdir(parents=True, exist_ok=True)
                 meta = {"seed": seed, "task": campaign.task, **chunk.cell._asdict(), **code_version()}
                 save_trace(trace, chunk.traces / episode.trace_name, meta)
-        episodes.append(episode)
-    return episodes
+        yield episode

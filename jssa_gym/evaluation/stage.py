@@ -1,7 +1,7 @@
 """Episodes of an evaluation: played and recorded, put into numbers."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -109,22 +109,22 @@ def digest_of(trace: Trace) -> str:
     return digest(states, trace.jerk, trace.status)
 
 
-def score(chunk: Chunk[AnyStudy, Setting]) -> list[Scored]:
+def score(chunk: Chunk[AnyStudy, Setting]) -> Iterator[Scored]:
     """Play episodes of one setting."""
     stage = Stage(chunk.plan, chunk.cell)
-    return [stage.score(seed) for seed in chunk.seeds]
+    for seed in chunk.seeds:
+        yield stage.score(seed)
 
 
-def record(chunk: Chunk[AnyStudy, Setting]) -> list[tuple[Path, str]]:
+def record(chunk: Chunk[AnyStudy, Setting]) -> Iterator[tuple[Path, str]]:
     """Play episodes of one setting again and save their recordings; paths and digests."""
-    stage, saved = Stage(chunk.plan, chunk.cell), []
+    stage = Stage(chunk.plan, chunk.cell)
     chunk.traces.mkdir(parents=True, exist_ok=True)
     for seed in chunk.seeds:
         trace = stage.record(seed)
         path, told = chunk.traces / trace_name(chunk.cell, seed), digest_of(trace)
         save_trace(trace, path, meta_of(chunk.plan, chunk.cell, seed, told))
-        saved.append((path, told))
-    return saved
+        yield path, told
 
 
 def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 import logging
 import math
 from collections.abc import Callable
-from numbers import Real
 from typing import Any
 
 import gymnasium as gym
@@ -232,7 +231,7 @@ def _delay(host_delay: Delay) -> Callable[[np.random.Generator], float]:
     if isinstance(host_delay, tuple):
         low, high = low_high("host_delay", host_delay)
         return lambda rng: float(rng.uniform(low, high))
-    if isinstance(host_delay, Real) and not isinstance(host_delay, bool):
+    if isinstance(host_delay, int | float | np.integer | np.floating) and not isinstance(host_delay, bool):
         delay = float(host_delay)
         if not delay >= 0.0:
             raise ParameterError(f"host_delay has to be at least 0, got {host_delay!r}")

@@ -3,6 +3,7 @@
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -147,7 +148,8 @@ def _train(config: TrainConfig, folder: Path, tell: Say, watch: Watch | None, de
             logger.close()
         env = model.get_env()
         if env is not None:
-            env.close()
+            with suppress(EOFError, OSError):  # of processes that have ended already
+                env.close()
 
 
 def _differences(begun: Any, asked: Mapping[str, Any]) -> str:
