@@ -22,6 +22,11 @@ def blind() -> SensorModel:
     return SensorModel(environment(), "long dropouts")
 
 
+def sightless() -> SensorModel:
+    """An environment of which a part of the people is never measured."""
+    return SensorModel(environment(), "partial body")
+
+
 def push(observation) -> np.ndarray:
     """A policy."""
     return np.full(6, 0.3)

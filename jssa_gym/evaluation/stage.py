@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.evaluation.blocked import fault_of
 from jssa_gym.evaluation.episodes import POLICY_SEEDS, digest
 from jssa_gym.evaluation.geometry import geometry
 from jssa_gym.evaluation.identity import code_version
@@ -33,6 +34,8 @@ class Scored:
     policy: str
     seed: int
     summary: Summary
+    fault: str
+    """The most frequent reason of its FAULTs; empty without any."""
     digest: str
     """SHA-256 of states, jerks and statuses."""
     wall: float
@@ -100,7 +103,7 @@ class Stage:
         summary = summarise(
             trace, self.robot.limits, geometry(trace, self.robot), v_safe=plan.v_safe, separation=plan.separation
         )
-        return Scored(*self.setting, seed, summary, digest_of(trace), time.perf_counter() - begin)
+        return Scored(*self.setting, seed, summary, fault_of(trace), digest_of(trace), time.perf_counter() - begin)
 
 
 def digest_of(trace: Trace) -> str:
