@@ -20,7 +20,7 @@ from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError
 
 HERE = str(Path(__file__).parent)
-PATIENCE = 120.0
+PATIENCE = 300.0
 """For a process to end [s]: much less than its work would take."""
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals of this kind")
@@ -36,6 +36,8 @@ def start(*command, stdin=None):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # whoever runs the tests in the background may have it ignored, which children inherit
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 
@@ -132,7 +134,14 @@ def test_a_worker_that_ends_by_itself_was_not_killed():
         run(picklable.leaving, [1], 2, id)
 
 
-def test_done_is_not_interrupted():
+@pytest.fixture
+def listening():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_done_is_not_interrupted(listening):
     seen = []
 
     def done(found):
