@@ -66,5 +66,9 @@ class WorkerError(JSSAGymError, RuntimeError):
     """A worker process was killed before it ended its work."""
 
 
+class BlockedError(JSSAGymError, RuntimeError):
+    """Every decision of a training's shield was a FAULT; the message says why most were."""
+
+
 class CheckpointError(JSSAGymError, ValueError):
     """A training's checkpoint is missing, truncated or changed, or belongs to another training."""

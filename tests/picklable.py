@@ -2,12 +2,15 @@
 
 import os
 import signal
+import sys
 import time
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.sensor import SensorModel
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields import SafetyFilter
 from jssa_gym.shields.pairs import PairFilter
 from jssa_gym.types import Decision, Status
@@ -20,6 +23,11 @@ def environment() -> ArmEnv:
 def blind() -> SensorModel:
     """An environment whose people are not measured for long."""
     return SensorModel(environment(), "long dropouts")
+
+
+def sightless() -> SensorModel:
+    """An environment of which a part of the people is never measured."""
+    return SensorModel(environment(), "partial body")
 
 
 def push(observation) -> np.ndarray:
@@ -63,18 +71,53 @@ class Drifting:
         return np.full(6, np.sin(self.calls))
 
 
-def killed(number: int) -> int:
+def killed(number: int) -> Iterator[int]:
     """Work in which the second piece ends its process, as a system without memory does."""
     if number == 1:
         os.kill(os.getpid(), signal.SIGKILL)
-    return number
+    yield number
 
 
-def lasting(number: int) -> int:
+def lasting(number: int) -> Iterator[int]:
     """Work that says who does it and takes longer than any test."""
     print(os.getpid(), flush=True)
     time.sleep(600.0)
-    return number
+    yield number
+
+
+def one_then_lasting(number: int) -> Iterator[int]:
+    """Work whose first piece is finished at once, and whose second takes longer than any test."""
+    yield number
+    print("begun", number, flush=True)
+    time.sleep(600.0)
+    yield number
+
+
+def failing_at_seven(numbers: Iterable[int]) -> Iterator[int]:
+    """Work with a number that cannot be done."""
+    for number in numbers:
+        if number == 7:
+            raise ParameterError("seven cannot be done")
+        yield number
+
+
+class DemandingError(Exception):
+    """An error that cannot be made again from what it keeps."""
+
+    def __init__(self, one: str, other: str) -> None:
+        super().__init__(f"{one} and {other}")
+
+
+def failing_to_tell(number: int) -> Iterator[int]:
+    """Work that fails with an error that no other process can have."""
+    raise DemandingError("a", "b")
+    yield number
+
+
+def leaving(number: int) -> Iterator[int]:
+    """Work that ends its process in its own way."""
+    yield number
+    sys.exit(3)
 
 
 class Distant(PairFilter):

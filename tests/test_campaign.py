@@ -149,7 +149,7 @@ def test_workers_end_with_a_parent_that_was_killed():
         try:
             parent.kill()
             # they hold the pipe's other end: it is closed when the last of them is gone
-            parent.communicate(timeout=30.0)
+            parent.communicate(timeout=300.0)
         finally:
             for worker in workers:
                 with contextlib.suppress(ProcessLookupError):

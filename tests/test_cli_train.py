@@ -221,7 +221,7 @@ def test_ctrl_c_says_how_to_go_on(tmp_path):
         while process.poll() is None and not (tmp_path / "history.csv").exists():
             time.sleep(0.1)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=600)
     finally:
         process.kill()
     assert process.returncode == 130, err

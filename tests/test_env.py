@@ -38,10 +38,12 @@ STEP_INFO = {
     "jerk": np.ndarray,
     "limit_violation": bool,
     "success": bool,
+    "is_success": bool,
 }
 SHIELD_INFO = {
     "shield/status": int,
     "shield/reason": str,
+    "shield/reason_code": int,
     "shield/intervened": bool,
     "shield/phi": float,
     "shield/correction": float,
@@ -49,6 +51,12 @@ SHIELD_INFO = {
     "shield/human_pair": int,
     "shield/slack": float,
 }
+
+
+def rewards(task):
+    return {f"reward/{term.name}": float for term in (*task.terms, *COMMON_TERMS)}
+
+
 TASK_INFO = {"track": {"track/visited": int, "track/lateness": float, "track/error": float}}
 
 
@@ -714,7 +722,7 @@ def test_reset_options_replace_what_would_be_drawn():
     np.testing.assert_array_equal(env.scene.robot.position, position)
     np.testing.assert_array_equal(env.goal, [0.5, 0.1, 1.2])
     np.testing.assert_allclose(env.scene.human.start[0], [1.1, 0.3, 1.5], atol=1e-12)
-    assert set(info) == set(STEP_INFO)
+    assert set(info) == set(STEP_INFO) | set(rewards(env.task))
     position[0] = 3.0
     assert env.scene.robot.position[0] == pytest.approx(0.1)
 
@@ -805,9 +813,8 @@ def test_info_has_the_same_keys_and_types_in_every_step(name):
     _, info = env.reset(seed=0)
     shield = SHIELD_INFO if "Shielded" in name else {}
     task = env.unwrapped.task
-    always = STEP_INFO | shield | TASK_INFO.get(task.name, {})
-    assert {key: type(value) for key, value in info.items()} == always
-    expected = always | {f"reward/{t.name}": float for t in (*task.terms, *COMMON_TERMS)}
+    expected = STEP_INFO | shield | TASK_INFO.get(task.name, {}) | rewards(task)
+    assert {key: type(value) for key, value in info.items()} == expected
     for k, action in enumerate(random_actions(env, 250)):
         nan = "Shielded" in name and k % 50 == 49
         *_, info = env.step(np.full(6, np.nan) if nan else action)
@@ -1071,7 +1078,7 @@ def test_the_servoed_arm_tracks_its_command():
 def test_info_of_the_servoed_arm_is_about_the_simulated_one():
     env = ArmEnv("home", dynamics="servo", human=still(), terminate_on=())
     _, info = env.reset(seed=0)
-    assert {k: type(v) for k, v in info.items()} == STEP_INFO | {"tracking_error": np.ndarray}
+    assert {k: type(v) for k, v in info.items()} == STEP_INFO | rewards(env.task) | {"tracking_error": np.ndarray}
     np.testing.assert_array_equal(info["tracking_error"], np.zeros(6))
     for action in random_actions(env, 60, size=0.5):
         *_, info = env.step(action)

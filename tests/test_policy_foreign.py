@@ -246,7 +246,7 @@ class TestDamage:
             ("mlp_extractor.policy_net.1.weight", torch.zeros(16), "no plain sequence"),
             ("mlp_extractor.shared_net.0.weight", torch.zeros(2, 2), "no part of a fully connected policy"),
             ("features_extractor.cnn.0.weight", torch.zeros(2, 2), "no part of a fully connected policy"),
-            ("lstm_actor.weight_ih_l0", torch.zeros(2, 2), "no part of a fully connected policy"),
+            ("lstm_actor.weight_ih_l0", torch.zeros(2, 2), "recurrent policy"),
             ("log_std", None, "deviation of its own"),
             ("action_net.weight", torch.full((6, 16), torch.nan), "not finite"),
             ("action_net.weight", torch.zeros(6, 16, dtype=torch.int64), "of type torch.int64"),

@@ -36,7 +36,7 @@ Command = Annotated[
 
 
 def main() -> None:
-    """Run a command; a bad input, or a disk that is full, ends in one line and exit code 2."""
+    """Run a command; a bad input or a full disk ends in one line and exit code 2, Ctrl-C in one and exit code 130."""
     arguments = sys.argv[1:]
     with terminal.prepared():
         try:
@@ -54,6 +54,10 @@ def main() -> None:
             terminal.complain(error)
             terminal.abandon_output()
             raise SystemExit(2) from error
+        except KeyboardInterrupt:  # of commands that do not know better what they leave behind
+            terminal.complain("stopped; give the same command again")
+            terminal.abandon_output()
+            raise SystemExit(130) from None
 
 
 def _parse(arguments: Sequence[str]) -> Command:

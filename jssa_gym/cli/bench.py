@@ -13,6 +13,7 @@ from jssa_gym.cli.demo import paper_scene
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import benchmark
 from jssa_gym.evaluation.benchmark import Timing
+from jssa_gym.evaluation.blocked import warning
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields import JSSAShield
 
@@ -64,6 +65,14 @@ class Bench:
             done("")
         if missing := benchmark.cbfpy_missing():
             Terminal(stderr=True).say(f"no times of CBFpy: {missing}")
+        blocked = [timing for timing in timings if timing.blocked]
+        for timing in blocked:
+            Terminal(stderr=True).say(f"warning: {timing.name}: {warning(timing.blocked)}")
+        self._show(timings, first, peer)
+        if blocked:
+            raise SystemExit(1)
+
+    def _show(self, timings: list[Timing], first: tuple[float, float] | None, peer: str | None) -> None:
         if self.json:
             result: dict[str, Any] = {"timings": [dataclasses.asdict(t) for t in timings], "cbfpy": peer}
             if first:

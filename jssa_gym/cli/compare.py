@@ -23,7 +23,7 @@ class Compare:
     """Every combination of tasks, filters, people and policies on paired seeds, as one HTML page.
 
     Differences are relative to the first filter. A comparison that was interrupted goes on where it stopped when the
-    same command is given again.
+    same command is given again. The exit code is 1 if every decision of some combination was a FAULT.
     """
 
     tasks: Annotated[tuple[str, ...], TASK] = ("reach",)
@@ -76,6 +76,8 @@ class Compare:
         for report in reports:
             warn(report, console)
         console.say(f"wrote {self.out / 'report.html'}")
+        if any(report.blocked for report in reports):
+            raise SystemExit(1)
 
     def _command(self) -> str:
         """What makes the same page again."""

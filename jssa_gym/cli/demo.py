@@ -20,6 +20,7 @@ from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation import Summary, make_policy, rollout, summarise
+from jssa_gym.evaluation.blocked import blocked, warning
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import ApproachRetreat, HumanMotion
 from jssa_gym.policies import HoldPolicy, LearnedPolicy, Policy, load_policy
@@ -92,6 +93,11 @@ class Demo:
         else:
             Terminal().print(_table(summaries))
         console.say(f"wrote {', '.join(str(self.out / name) for name in written)}")
+        reasons = {trace.name: reason for trace in traces if (reason := blocked(trace))}
+        for name, reason in reasons.items():
+            console.say(f"warning: {name}: {warning(reason)}")
+        if reasons:
+            raise SystemExit(1)
 
     def _scene(self, steps: int) -> tuple[Callable[[], gym.Env], Callable[[gym.Env], Policy]]:
         """What makes the environment, and what drives the arm in it."""

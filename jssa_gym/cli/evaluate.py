@@ -88,7 +88,8 @@ class Evaluate:
     """Play episodes of one policy under one filter and print all metrics with 95 % intervals.
 
     An evaluation that was interrupted goes on where it stopped when the same command is given again. The folder gets
-    episodes.csv, summary.json and recordings of the worst episodes for `jssa-gym replay`.
+    episodes.csv, summary.json and recordings of the worst episodes for `jssa-gym replay`. The exit code is 1 if every
+    decision of the filter was a FAULT.
     """
 
     task: Annotated[str, TASK] = "reach"
@@ -149,12 +150,14 @@ class Evaluate:
         console = Terminal(stderr=True)
         warn(report, console)
         console.say(f"wrote episodes.csv and summary.json to {self.out}")
+        if report.blocked:
+            raise SystemExit(1)
 
 
 def warn(report: Report, console: Terminal) -> None:
-    """Say what is wrong with the policy itself, whatever the filter made of it."""
-    for warning in report.warnings:
-        console.say(f"warning: {', '.join(report.setting)}: {warning}")
+    """Say what is wrong with the run or the policy itself, whatever the filter made of it."""
+    for told in report.warnings:
+        console.say(f"warning: {', '.join(report.setting)}: {told}")
 
 
 def _show(report: Report) -> None:

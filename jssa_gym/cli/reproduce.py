@@ -17,16 +17,21 @@ from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import claims, handover_claims, index_claims, paper, reproduction
+from jssa_gym.evaluation.blocked import blocked, warning
 from jssa_gym.evaluation.claims import PAPER, Claim, Grid
 from jssa_gym.evaluation.paper import COLUMNS, Measures
-from jssa_gym.evaluation.reproduction import SHIELDS, Advance
+from jssa_gym.evaluation.reproduction import SHIELDS
 from jssa_gym.safety.index import IndexParams
+from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _INDEX = IndexParams(lambda1=3.0, lambda2=1.0)
 """The paper's parameters in section 4.1."""
+
+Advance = Callable[[Trace | None], Any]
+"""Called with each episode, or with none for a step without."""
 
 _MORE = {"lambda1": 5.0, "lambda2": 3.0}
 """The larger parameters of Fig. 7; the paper does not print its own."""
@@ -44,13 +49,13 @@ class Result:
 
 def _fig3(done: Advance) -> Result:
     figure = plots.portraits(_INDEX)
-    done()
+    done(None)
     return Result(figure, {}, index_claims.portrait_claims(_INDEX))
 
 
 def _fig7(done: Advance) -> Result:
     figure = plots.shifts(_INDEX, **_MORE)
-    done()
+    done(None)
     return Result(figure, {}, index_claims.shift_claims(_INDEX, **_MORE))
 
 
@@ -126,14 +131,20 @@ class Reproduce:
         plots.require()
         writable_folder(self.out)
         chosen = list(PARTS) if self.what == "all" else [self.what]
-        results = {}
+        results, reasons = {}, dict[str, str]()
         console = Terminal(stderr=True)
         with Progress(console=console, transient=True) as progress:
             task = progress.add_task("", total=sum(PARTS[name][1] for name in chosen))
+
+            def done(trace: Trace | None) -> None:
+                progress.advance(task)
+                if trace is not None and (reason := blocked(trace)):
+                    reasons[trace.name] = reason
+
             for name in chosen:
                 progress.update(task, description=name)
                 make, _ = PARTS[name]
-                results[name] = make(lambda: progress.advance(task))
+                results[name] = make(done)
                 write_figure(self.out / f"{name}.png", results[name].figure)
                 write_json(self.out / f"{name}.json", _plain(results[name]))
         if self.json:
@@ -142,6 +153,10 @@ class Reproduce:
             for name, result in results.items():
                 _show(name, result)
         console.say(f"wrote {', '.join(chosen)}, each as .png and .json, to {self.out}")
+        for name, reason in reasons.items():
+            console.say(f"warning: {name}: {warning(reason)}")
+        if reasons:
+            raise SystemExit(1)
 
 
 def _row(measures: Measures) -> list[float]:

@@ -15,6 +15,7 @@ from jssa_gym.cli.names import HUMAN, OPPONENTS, SHIELDS, WRONG
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
+from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import CONTENDERS
 from jssa_gym.evaluation.episodes import Episode, play
@@ -34,7 +35,7 @@ class Stress:
     """Try to break shields: every combination of filters, people, policies and faults, with paired seeds.
 
     A campaign that was interrupted goes on where it stopped when the same command is given again. The exit code is 1
-    if a shield broke its promise within the assumptions or MuJoCo disagreed.
+    if a shield broke its promise within the assumptions, MuJoCo disagreed, or every decision of all was a FAULT.
     """
 
     preset: Literal["quick", "claim", "power", "joints", "avoid", "degradation"] = "quick"
@@ -100,7 +101,9 @@ class Stress:
         if any(ledger.traces.glob("*.npz")):
             written.append("traces of the worst episodes")
         console.say(f"wrote {', '.join(written)} to {self.out}")
-        if broken:
+        if reason := _blocked(episodes):
+            console.say(f"warning: {warning(reason)}")
+        if broken or reason:
             raise SystemExit(1)
 
     def _campaign(self, preset: str) -> Campaign:
@@ -126,6 +129,12 @@ class Stress:
                 progress.update(task, advance=len(episodes), description=f"episodes, {moving} broken promises")
 
             run(play, chunks, jobs, done)
+
+
+def _blocked(episodes: Sequence[Episode]) -> str:
+    """Why every decision of the whole campaign was a FAULT; empty if not every one was: some faults are to hold it."""
+    guarded = [episode for episode in episodes if episode.filter != "none"]
+    return commonest(e.first_fault for e in guarded) if all(e.faulty == e.steps for e in guarded) else ""
 
 
 def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:

@@ -129,7 +129,7 @@ def prepared() -> Generator[None]:
             last.setFormatter(formatter)
 
 
-def complain(error: Exception) -> None:
+def complain(error: Exception | str) -> None:
     """Say in one line what was wrong."""
     text = str(error)
     if isinstance(error, OSError) and not isinstance(error, JSSAGymError) and error.strerror:

@@ -56,7 +56,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         width: int = 640,
         height: int = 480,
     ) -> None:
-        check_arguments(dynamics, terminate_on, render_mode, width, height)
+        size = check_arguments(dynamics, terminate_on, render_mode, width, height)
         announce_compilation(tick)
         self.planes = planes_of(scene)
         self.task = make_task(task)
@@ -71,7 +71,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self.render_mode = render_mode
         self.dynamics = dynamics
         self.terminate_on = tuple(terminate_on)
-        self._scene_name, self._size = scene, (width, height)
+        self._scene_name, self._size = scene, size
         self._world: World | None = None
         self._servo_ratio = np.zeros(self.robot.n)
         if dynamics == "servo":
@@ -103,6 +103,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         self._ends_moving, self._ends_violation = "moving_contact" in endings, "limit_violation" in endings
         self._hold_steps = self.task.hold_time / self.dt - 1e-9
         self._begin(np.array(self.robot.home), np.zeros(0), nobody())
+        self._begun = False
 
     @property
     def world(self) -> World:
@@ -168,9 +169,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             # nobody begins within reach of contact, unless the user puts them there
             if distance >= _START_CLEARANCE or start is not None:
                 break
+        self._begun = True
         if self.dynamics == "servo":
             self.world.servo_reset(position)
+        # the same keys and types as after a step: vector environments and recorders stack them
         info = self._info(np.zeros(self.robot.n), distance, contact_speed, False, False)
+        info |= dict.fromkeys((key for key, _ in self._terms), 0.0)
         around = self._around
         moment = Moment(position, around.tip[0], around.tip_speed, self._zero, distance, False, self._progress)
         if self._evolves:
@@ -200,7 +204,10 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
 
         Raises:
             InvalidActionError: Wrong shape or type, or not finite (a shield answers that instead of raising).
+            gymnasium.error.ResetNeeded: There was no ``reset`` yet.
         """
+        if not self._begun:
+            raise gym.error.ResetNeeded("reset() has to come before step()")
         fraction = checked_action(action, self.robot.n)
         jerk = np.empty(self.robot.n)
         if not scale_action(fraction, self._jerk_bound, jerk):
@@ -266,6 +273,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             "jerk": jerk,
             "limit_violation": violation,
             "success": success,
+            "is_success": success,
         }
         if self.dynamics == "servo":
             info["tracking_error"] = self._actual[0] - self._state[0]

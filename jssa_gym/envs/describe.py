@@ -66,10 +66,11 @@ at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s
 **Start**: at rest at home, nobody closer than 0.1 m. ``reset(options={{...}})`` takes ``joint_position``, ``goal`` and
 ``human_start``.
 
-**info** after reset and step: ``distance`` [m] (smallest robot-human surface distance, inf without a human),
-``contact`` (bool), ``contact_speed`` [m/s] (of the robot's touching point, 0.0 without contact), ``cost`` (1.0 when
-the distance is below ``d_min``), ``jerk`` (n,) [rad/s³] applied, ``limit_violation`` (bool), ``success`` (bool); after
-step also ``reward/<term>`` and what the task says.
+**info**, the same keys and types after reset and step: ``distance`` [m] (smallest robot-human surface distance, inf
+without a human), ``contact`` (bool), ``contact_speed`` [m/s] (of the robot's touching point, 0.0 without contact),
+``cost`` (1.0 when the distance is below ``d_min``), ``jerk`` (n,) [rad/s³] applied, ``limit_violation`` (bool),
+``success`` (bool; as ``is_success`` too, which Stable-Baselines3 counts), ``reward/<term>`` (0.0 after reset) and what
+the task says.
 
 Args:
     task: {", ".join(f'``"{name}"``' for name in TASKS)} or a :class:`~jssa_gym.envs.tasks.Task`.

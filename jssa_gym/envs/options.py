@@ -11,14 +11,17 @@ from jssa_gym.headless import has_display
 from jssa_gym.humans import HumanMotion
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
-from jssa_gym.validation import known_name, real_array
+from jssa_gym.validation import known_name, positive_integer, real_array
 
 _ENDINGS = ("success", "contact", "moving_contact", "limit_violation")
 _OPTIONS = ("joint_position", "goal", "human_start")
 
 
-def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: Any, height: Any) -> None:
+def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: Any, height: Any) -> tuple[int, int]:
     """Refuse what :class:`~jssa_gym.envs.ArmEnv` cannot be built with.
+
+    Returns:
+        Width and height of pictures.
 
     Raises:
         ParameterError: An argument is unknown or out of range.
@@ -31,11 +34,10 @@ def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: A
         known_name("ending in terminate_on", ending, _ENDINGS)
     if render_mode is not None:
         known_name("render_mode", render_mode, ("rgb_array", "human"))
-    for name, value in (("width", width), ("height", height)):
-        if not isinstance(value, int) or value < 1:
-            raise ParameterError(f"{name} has to be a positive integer, got {value!r}")
+    size = positive_integer("width", width), positive_integer("height", height)
     if render_mode == "human" and not has_display():
         raise DisplayError("no display for a window; use render_mode='rgb_array'")
+    return size
 
 
 class Beginning(NamedTuple):

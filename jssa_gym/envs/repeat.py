@@ -5,9 +5,10 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 
-from jssa_gym.exceptions import ParameterError
+from jssa_gym.validation import positive_integer
 
-_ANY = ("contact", "limit_violation", "success", "shield/intervened")
+_ANY = ("contact", "limit_violation", "success", "is_success", "shield/intervened")
+_REASONS = ("shield/reason", "shield/reason_code")
 _LARGEST = ("contact_speed", "shield/status", "shield/phi", "shield/correction", "shield/slack")
 
 
@@ -16,9 +17,9 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     It goes *outside* the shield, which then still decides in every tick. Rewards are summed, and ``info`` tells about
     all ticks, not the last one only: ``distance`` is the smallest, ``cost`` the sum, ``contact``, ``limit_violation``,
-    ``success`` and ``shield/intervened`` whether any tick had it, ``contact_speed`` and the shield's status, index,
-    correction and slack the largest (NaN if any is), ``shield/reason`` the first of that status. Other keys are the
-    last tick's. An episode's end in between ends the repetition.
+    ``success``, ``is_success`` and ``shield/intervened`` whether any tick had it, ``contact_speed`` and the shield's
+    status, index, correction and slack the largest (NaN if any is), ``shield/reason`` and ``shield/reason_code`` the
+    first of that status. Other keys are the last tick's. An episode's end in between ends the repetition.
 
     Args:
         env: The environment.
@@ -32,11 +33,9 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Shields refuse to go around it."""
 
     def __init__(self, env: gym.Env, ticks: int) -> None:
-        if not isinstance(ticks, int) or ticks < 1:
-            raise ParameterError(f"ticks has to be a positive integer, got {ticks!r}")
-        gym.utils.RecordConstructorArgs.__init__(self, ticks=ticks)
+        self.ticks = positive_integer("ticks", ticks)
+        gym.utils.RecordConstructorArgs.__init__(self, ticks=self.ticks)
         gym.Wrapper.__init__(self, env)
-        self.ticks = ticks
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Apply one action for ``ticks`` control steps."""
@@ -58,7 +57,6 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
                 # numpy's maximum is NaN if any tick's is: a fault must not be hidden
                 merged[key] = type(info[key])(np.max([i[key] for i in seen]))
         if "shield/status" in info:
-            merged["shield/reason"] = next(
-                i["shield/reason"] for i in seen if i["shield/status"] == merged["shield/status"]
-            )
+            worst = next(i for i in seen if i["shield/status"] == merged["shield/status"])
+            merged |= {key: worst[key] for key in _REASONS if key in worst}
         return observation, total, terminated, truncated, merged

@@ -233,7 +233,7 @@ class MissedTicks(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def __init__(self, env: gym.Env, probability: float = 0.05, longest: int = 15) -> None:
         self.probability = number_within("probability", probability, 0.0, 1.0)
         self.longest = positive_integer("longest", longest)
-        gym.utils.RecordConstructorArgs.__init__(self, probability=probability, longest=longest)
+        gym.utils.RecordConstructorArgs.__init__(self, probability=self.probability, longest=self.longest)
         gym.Wrapper.__init__(self, env)
         self._rng: np.random.Generator | None = None
         self._gaps = Bursts(self.probability, self.longest)

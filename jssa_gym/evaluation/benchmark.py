@@ -14,6 +14,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from jssa_gym.evaluation.blocked import commonest
 from jssa_gym.evaluation.oracle import Oracle
 from jssa_gym.exceptions import JSSAGymError
 from jssa_gym.kernels.capsules import measure_agents
@@ -38,10 +39,13 @@ class Timing:
     p99: float
     """[s]."""
     count: int
+    blocked: str = ""
+    """Why every one of these decisions was a FAULT, most often; empty if not every one was."""
 
 
-def _timing(name: str, times: list[float]) -> Timing:
-    return Timing(name, float(np.median(times)), float(np.percentile(times, 99)), len(times))
+def _timing(name: str, times: list[float], faults: list[str] | None = None) -> Timing:
+    blocked = commonest(faults) if faults and len(faults) == len(times) else ""
+    return Timing(name, float(np.median(times)), float(np.percentile(times, 99)), len(times), blocked)
 
 
 def record_scenes(env_human: Any, steps: int = 1000) -> tuple[RobotModel, float, list[tuple[Scene, Array]]]:
@@ -67,6 +71,7 @@ def time_decisions(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array
     }
     times: dict[tuple[str, Status], list[float]] = {}
     everything: dict[str, list[float]] = {name: [] for name in filters}
+    faults: dict[str, list[str]] = {name: [] for name in filters}
     for _ in range(rounds):
         for chosen in filters.values():
             chosen.reset(scenes[0][0])
@@ -77,9 +82,11 @@ def time_decisions(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array
                 took = time.perf_counter() - start
                 times.setdefault((name, decision.status), []).append(took)
                 everything[name].append(took)
+                if decision.status == Status.FAULT:
+                    faults[name].append(decision.reason)
     timings = []
     for name, values in everything.items():
-        timings.append(_timing(f"filter.decide, {name}, whole episode", values))
+        timings.append(_timing(f"filter.decide, {name}, whole episode", values, faults[name]))
         for status in Status:
             chosen_times = times.get((name, status), [])
             if len(chosen_times) >= 20:
@@ -162,16 +169,18 @@ def time_steps(build: Callable[[], gym.Env], name: str, steps: int) -> Timing:
     env = build()
     policy = HoldPolicy(env)
     observation, _ = env.reset(seed=0)
-    times = []
+    times, faults = [], []
     for _ in range(steps):
         action = policy(observation)
         start = time.perf_counter()
-        observation, _, terminated, truncated, _ = env.step(action)
+        observation, _, terminated, truncated, info = env.step(action)
         times.append(time.perf_counter() - start)
+        if info.get("shield/status") == Status.FAULT:
+            faults.append(info["shield/reason"])
         if terminated or truncated:
             observation, _ = env.reset()
     env.close()
-    return _timing(name, times)
+    return _timing(name, times, faults)
 
 
 _FIRST_USE = """

@@ -9,7 +9,7 @@ from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, JOINTS, LATENCIES, MULTIPLES, PEOPLE, REPORTED
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES
-from jssa_gym.validation import known_name, number_within, positive_integer
+from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
 
 SPACING = 10_000
 """Most episodes of a cell: seeds of two cells differ by a multiple of it."""
@@ -49,7 +49,8 @@ class Grid:
                 raise ParameterError(f"no {name} to try; valid: {', '.join(valid)}")
             for one in chosen:
                 known_name({"policies": "policy"}.get(name, name.removesuffix("s")), one, valid)
-        if positive_integer("episodes", self.episodes) > SPACING:
+        object.__setattr__(self, "episodes", positive_integer("episodes", self.episodes))
+        if self.episodes > SPACING:
             raise ParameterError(f"episodes has to be at most {SPACING} of a combination, got {self.episodes}")
 
     def cells(self) -> Iterator[Cell]:
@@ -80,10 +81,12 @@ class Campaign:
 
     def __post_init__(self) -> None:
         known_name("task", self.task, TASKS)
-        positive_integer("steps", self.steps)
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
-            raise ParameterError(f"seed has to be a whole number of at least 0, got {self.seed!r}")
-        number_within("judge", self.judge, 0.0, 1.0)
+        for name, value in (
+            ("steps", positive_integer("steps", self.steps)),
+            ("seed", whole_number("seed", self.seed)),
+            ("judge", number_within("judge", self.judge, 0.0, 1.0)),
+        ):
+            object.__setattr__(self, name, value)  # JSON holds no numbers of numpy
 
     def seeds(self) -> dict[Cell, list[int]]:
         """Seeds of every cell, those of the same people, policy and fault side by side."""

@@ -3,7 +3,7 @@
 import hashlib
 import logging
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -233,14 +233,14 @@ def _expecting(fault: str) -> Generator[None]:
         logger.removeFilter(news)
 
 
-def play(chunk: Chunk[Campaign, Cell]) -> list[Episode]:
+def play(chunk: Chunk[Campaign, Cell]) -> Iterator[Episode]:
     """Play episodes of one cell and judge those that have to be."""
     with _expecting(chunk.cell.fault):
-        return _played(chunk)
+        yield from _played(chunk)
 
 
-def _played(chunk: Chunk[Campaign, Cell]) -> list[Episode]:
-    campaign, episodes = chunk.plan, []
+def _played(chunk: Chunk[Campaign, Cell]) -> Iterator[Episode]:
+    campaign = chunk.plan
     arena = Arena(campaign, chunk.cell)
     careful = CONTENDERS[chunk.cell.filter].promises
     for seed in chunk.seeds:
@@ -252,5 +252,4 @@ def _played(chunk: Chunk[Campaign, Cell]) -> list[Episode]:
                 chunk.traces.mkdir(parents=True, exist_ok=True)
                 meta = {"seed": seed, "task": campaign.task, **chunk.cell._asdict(), **code_version()}
                 save_trace(trace, chunk.traces / episode.trace_name, meta)
-        episodes.append(episode)
-    return episodes
+        yield episode

@@ -19,6 +19,7 @@ from jssa_gym.evaluation.identity import code_digest, identity, named
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.exceptions import ParameterError, PolicyFileError
 from jssa_gym.policies import POLICIES, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
+from jssa_gym.policies.model import ModelPolicy
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
 
 
@@ -40,7 +41,8 @@ def make_policy(
         policy: A name of :data:`~jssa_gym.policies.POLICIES` or of
             :func:`~jssa_gym.policies.shipped_policies`; a file of :func:`~jssa_gym.policies.load_policy`;
             ``"package.module:factory"``, called with environment and seed; anything with a method ``predict``, as the
-            models of Stable-Baselines3, asked for its deterministic action; or a callable from observation to action.
+            models of Stable-Baselines3, see :class:`~jssa_gym.policies.model.ModelPolicy`; or a callable from
+            observation to action.
         env: The environment that it acts in, which named policies look into.
         seed: Of what it draws.
         seen: The same environment with the wrappers whose observations it gets; by default ``env``.
@@ -52,8 +54,8 @@ def make_policy(
     """
     if isinstance(policy, str):
         policy = _factory(policy, trust_pickle)(env, seed)
-    elif hasattr(policy, "predict"):
-        return lambda observation: policy.predict(observation, deterministic=True)[0]
+    if hasattr(policy, "predict"):
+        return ModelPolicy(policy, env if seen is None else seen)
     if not callable(policy):
         raise ParameterError(f"a policy is a name, a file, 'module:factory', a model or a callable, got {policy!r}")
     if isinstance(policy, LearnedPolicy):
@@ -90,11 +92,15 @@ def _factory(name: str, trust_pickle: bool = False) -> Callable[[gym.Env, int], 
 
 
 def _check(plan: "Study | Single") -> None:
-    if positive_integer("episodes", plan.episodes) > SPACING:
+    for name, value in (
+        ("episodes", positive_integer("episodes", plan.episodes)),
+        ("seed", whole_number("seed", plan.seed)),
+        ("steps", positive_integer("steps", plan.steps)),
+        ("v_safe", number_within("v_safe", plan.v_safe, 0.0)),
+    ):
+        object.__setattr__(plan, name, value)  # JSON holds no numbers of numpy
+    if plan.episodes > SPACING:
         raise ParameterError(f"episodes has to be at most {SPACING} of a combination, got {plan.episodes}")
-    whole_number("seed", plan.seed)
-    positive_integer("steps", plan.steps)
-    number_within("v_safe", plan.v_safe, 0.0)
     if not isinstance(plan.separation, SeparationParams):
         raise ParameterError(f"separation has to be SeparationParams, got {plan.separation!r}")
 

@@ -11,7 +11,7 @@ from jssa_gym.evaluation.verdict import Contact, Excess, Overlap, Verdict
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import JointLimits, RobotModel
 from jssa_gym.types import Array, Trace
-from jssa_gym.validation import positive_number
+from jssa_gym.validation import positive_integer, positive_number
 
 
 def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: float = 1e-6) -> Verdict:
@@ -31,8 +31,7 @@ def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: floa
         ParameterError: The trace is not of this robot, not kinematic, or its rows are not one control step apart.
         RobotModelError: The robot's file has changed.
     """
-    if isinstance(substeps, bool) or not isinstance(substeps, int) or substeps < 1:
-        raise ParameterError(f"substeps has to be a positive integer, got {substeps!r}")
+    substeps = positive_integer("substeps", substeps)
     tolerance = positive_number("tolerance", tolerance)
     _check(trace, robot)
     motion = _motion(trace, robot.limits, substeps)

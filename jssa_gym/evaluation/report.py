@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.fields import Metric, metrics_of
 from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.plans import Setting
@@ -59,15 +60,24 @@ class Report:
         )
 
     @property
+    def blocked(self) -> str:
+        """Why every decision of every episode was a FAULT, most often; empty if not every one was."""
+        if not (column(self.episodes, "fault_rate") == 1.0).all():
+            return ""
+        return commonest(episode.fault for episode in self.episodes)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with the policy itself, whatever the filter made of it."""
-        steps = column(self.episodes, "n_actions_not_finite")
-        if not steps.any():
-            return ()
-        return (
-            f"the policy's action was not finite in {int(steps.sum()):,} steps of {int((steps > 0.0).sum()):,} "
-            "episodes: the arm braked there (status FAULT)",
-        )
+        """What is wrong with the run or the policy itself, whatever the filter made of it."""
+        told, steps = [], column(self.episodes, "n_actions_not_finite")
+        if reason := self.blocked:
+            told.append(warning(reason))
+        if steps.any():
+            told.append(
+                f"the policy's action was not finite in {int(steps.sum()):,} steps of {int((steps > 0.0).sum()):,} "
+                "episodes: the arm braked there (status FAULT)"
+            )
+        return tuple(told)
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON can hold it."""
@@ -94,7 +104,7 @@ class Report:
         lines += [f"  {name:<32} {rate}" for name, rate in self.rates.items()]
         units = {metric.over_episodes: metric.unit for metric in METRICS}
         lines += [f"  {name:<32} {mean} {units[name]}".rstrip() for name, mean in self.means.items()]
-        lines += [f"  warning: {warning}" for warning in self.warnings]
+        lines += [f"  warning: {one}" for one in self.warnings]
         return "\n".join(lines)
 
 

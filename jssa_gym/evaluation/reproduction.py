@@ -15,8 +15,13 @@ from jssa_gym.robots import JointLimits
 from jssa_gym.shields import JSSAShield, Shield, make_filter
 from jssa_gym.types import Trace
 
-Advance = Callable[[], None]
-"""Called after each episode."""
+Advance = Callable[[Trace], Any]
+"""Called with each episode."""
+
+
+def _nobody(trace: Trace) -> None:
+    """Nobody is told."""
+
 
 SHIELDS: Mapping[str, Callable[[gym.Env, float, float], gym.Env]] = {
     "as published": lambda env, lambda1, lambda2: JSSAShield.as_published(env, lambda1=lambda1, lambda2=lambda2),
@@ -47,7 +52,7 @@ def play(
     return trace, base.robot.limits
 
 
-def avoidance(done: Advance = lambda: None) -> tuple[dict[str, Trace], JointLimits]:
+def avoidance(done: Advance = _nobody) -> tuple[dict[str, Trace], JointLimits]:
     """Fig. 6: every shield with the paper's λ = (3, 1), and ours with its own."""
     wraps: dict[str, Callable[[gym.Env], gym.Env]] = {
         name: lambda env, wrap=wrap: wrap(env, 3.0, 1.0) for name, wrap in SHIELDS.items()
@@ -55,12 +60,12 @@ def avoidance(done: Advance = lambda: None) -> tuple[dict[str, Trace], JointLimi
     return _each(wraps | {"JSSAShield, own λ": JSSAShield}, done)
 
 
-def comparison(done: Advance = lambda: None) -> tuple[dict[str, Trace], JointLimits]:
+def comparison(done: Advance = _nobody) -> tuple[dict[str, Trace], JointLimits]:
     """Fig. 8: the SSA with λ₁ = 3, and the JSSA with λ = (3, 1), as published and with the exact row."""
     return _each({"SSA": ssa} | {name: lambda env, n=name: SHIELDS[n](env, 3.0, 1.0) for name in SHIELDS}, done)
 
 
-def handovers(done: Advance = lambda: None) -> dict[str, Delivery]:
+def handovers(done: Advance = _nobody) -> dict[str, Delivery]:
     """Fig. 10: as published with λ = (3, 1), our shield, and none."""
     wraps: dict[str, Callable[[gym.Env], gym.Env]] = {
         "as published": JSSAShield.as_published,
@@ -70,7 +75,7 @@ def handovers(done: Advance = lambda: None) -> dict[str, Delivery]:
     runs = {}
     for name, wrap in wraps.items():
         runs[name] = deliver(wrap, name)
-        done()
+        done(runs[name].trace)
     return runs
 
 
@@ -83,7 +88,7 @@ def _each(wraps: Mapping[str, Callable[[gym.Env], gym.Env]], done: Advance) -> t
     traces = {}
     for name, wrap in wraps.items():
         traces[name], limits = play(wrap, name)
-        done()
+        done(traces[name])
     return traces, limits
 
 
@@ -91,7 +96,7 @@ def sensitivity(
     shields: Sequence[str] = tuple(SHIELDS),
     values: Sequence[float] = paper.GRID,
     steps: int = paper.STEPS,
-    done: Advance = lambda: None,
+    done: Advance = _nobody,
 ) -> dict[str, dict[tuple[float, float], Measures]]:
     """Table 1 for several shields.
 
@@ -99,7 +104,7 @@ def sensitivity(
         shields: Names in :data:`SHIELDS`.
         values: Of λ₁ and of λ₂.
         steps: Length of the episodes.
-        done: Called after each.
+        done: Called with each.
     """
     tables: dict[str, dict[tuple[float, float], Measures]] = {name: {} for name in shields}
     for name, table in tables.items():
@@ -107,5 +112,5 @@ def sensitivity(
             for lambda1 in values:
                 trace, limits = play(lambda env, n=name, a=lambda1, b=lambda2: SHIELDS[n](env, a, b), name, steps)
                 table[lambda1, lambda2] = measures(trace, limits)
-                done()
+                done(trace)
     return tables

@@ -1,5 +1,6 @@
 """Evaluations: play what is left, keep the worst, report."""
 
+import logging
 import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -9,6 +10,7 @@ from typing import Any
 import gymnasium as gym
 
 from jssa_gym.envs.arm import MOVING
+from jssa_gym.evaluation.blocked import warning
 from jssa_gym.evaluation.ledger import Chunk, Ledger, package_version, worst
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.plans import Setting, Single
@@ -18,6 +20,8 @@ from jssa_gym.evaluation.trace import read_meta
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, TraceError
 from jssa_gym.validation import positive_integer, whole_number
+
+_logger = logging.getLogger("jssa_gym")
 
 _CHUNK = 10
 """Most episodes of one setting played together: what a crash loses at most, for every job."""
@@ -78,7 +82,10 @@ def evaluate(
         SeparationParams() if separation is None else separation,
     )
     folder = None if out is None else Path(out)
-    return complete(plan, folder, jobs=jobs, keep=keep, progress=progress)[0]
+    report = complete(plan, folder, jobs=jobs, keep=keep, progress=progress)[0]
+    if report.blocked:
+        _logger.warning("%s: %s", ", ".join(part for part in report.setting if part), warning(report.blocked))
+    return report
 
 
 def complete(

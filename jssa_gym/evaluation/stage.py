@@ -2,7 +2,7 @@
 
 import shlex
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.evaluation.blocked import fault_of
 from jssa_gym.evaluation.contenders import PEOPLE
 from jssa_gym.evaluation.episodes import POLICY_SEEDS, digest
 from jssa_gym.evaluation.geometry import geometry
@@ -37,6 +38,8 @@ class Scored:
     policy: str
     seed: int
     summary: Summary
+    fault: str
+    """The most frequent reason of its FAULTs; empty without any."""
     digest: str
     """SHA-256 of states, jerks and statuses."""
     wall: float
@@ -104,7 +107,7 @@ class Stage:
         summary = summarise(
             trace, self.robot.limits, geometry(trace, self.robot), v_safe=plan.v_safe, separation=plan.separation
         )
-        return Scored(*self.setting, seed, summary, digest_of(trace), time.perf_counter() - begin)
+        return Scored(*self.setting, seed, summary, fault_of(trace), digest_of(trace), time.perf_counter() - begin)
 
 
 def digest_of(trace: Trace) -> str:
@@ -113,22 +116,22 @@ def digest_of(trace: Trace) -> str:
     return digest(states, trace.jerk, trace.status)
 
 
-def score(chunk: Chunk[AnyStudy, Setting]) -> list[Scored]:
+def score(chunk: Chunk[AnyStudy, Setting]) -> Iterator[Scored]:
     """Play episodes of one setting."""
     stage = Stage(chunk.plan, chunk.cell)
-    return [stage.score(seed) for seed in chunk.seeds]
+    for seed in chunk.seeds:
+        yield stage.score(seed)
 
 
-def record(chunk: Chunk[AnyStudy, Setting]) -> list[tuple[Path, str]]:
+def record(chunk: Chunk[AnyStudy, Setting]) -> Iterator[tuple[Path, str]]:
     """Play episodes of one setting again and save their recordings; paths and digests."""
-    stage, saved = Stage(chunk.plan, chunk.cell), []
+    stage = Stage(chunk.plan, chunk.cell)
     chunk.traces.mkdir(parents=True, exist_ok=True)
     for seed in chunk.seeds:
         trace = stage.record(seed)
         path, told = chunk.traces / trace_name(chunk.cell, seed), digest_of(trace)
         save_trace(trace, path, meta_of(chunk.plan, chunk.cell, seed, told))
-        saved.append((path, told))
-    return saved
+        yield path, told
 
 
 def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str, Any]:

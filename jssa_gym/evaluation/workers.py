@@ -1,70 +1,270 @@
-"""Work in as many processes as wanted."""
+"""Work in as many processes as wanted; what is finished is handed over, however the rest ends."""
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
-from collections.abc import Callable, Iterable
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+import traceback
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from contextlib import contextmanager
 from multiprocessing import connection
-from typing import Any, TypeVar
+from multiprocessing.connection import Connection
+from typing import Any, Self, TypeVar
 
 from jssa_gym.exceptions import WorkerError
 
 Work = TypeVar("Work")
 Result = TypeVar("Result")
+Play = Callable[[Work], Iterable[Result]]
+"""Plays a chunk, result by result."""
+
+_READY, _RESULT, _END, _ERROR = "ready", "result", "end", "error"
+"""What a worker says: that it waits for a chunk, a result of it, that it was the last one, what went wrong."""
+
+_GOES_ON = "what had ended by then is kept, and the same call goes on from there"
+
+UNABLE = (
+    "a worker process ended before it began; what it says is above. It imports the script that is run, whose calls "
+    'have to stand under `if __name__ == "__main__":`, and cannot import what was read from standard input'
+)
+"""Why a process that was to be spawned ends at once."""
+
+_KNOWN = "functions and classes of a script or notebook belong into a module that can be imported; or use jobs=1"
+
+_LAST_BREATH = 2.0
+"""How long a worker without work may take to end [s]."""
 
 
-def _worker() -> None:
-    # the parent alone answers Ctrl-C: what a worker has begun, it ends
+# ---- in a worker ---------------------------------------------------------------------------------------
+
+
+def _work(play: Play[Any, Any], link: Connection) -> None:
+    # the parent alone answers Ctrl-C
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    _tell(link, _READY)
+    while True:
+        try:
+            chunk = link.recv()
+        except (EOFError, OSError):  # there is no more to do
+            return
+        except Exception as error:  # what unpickling raises is up to what was sent
+            _tell(
+                link, _ERROR, WorkerError(f"what is to be played cannot be read in another process: {error}; {_KNOWN}")
+            )
+            continue
+        try:
+            for result in play(chunk):
+                _tell(link, _RESULT, result)
+        except Exception as error:  # whatever goes wrong is the parent's to raise
+            _tell(link, _ERROR, _portable(error))
+        else:
+            _tell(link, _END)
+
+
+def _tell(link: Connection, kind: str, what: Any = None) -> None:
+    try:
+        link.send((kind, what))
+    except OSError:  # nobody listens any more
+        os._exit(1)
 
 
 def _end_with_parent() -> None:
-    """Nobody else ends a worker whose parent was killed: it would wait for work for ever."""
+    """Nobody else ends a worker whose parent was killed: it would play on, or wait for work, for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])
         os._exit(1)
 
 
-def run(play: Callable[[Work], Result], chunks: Iterable[Work], jobs: int, done: Callable[[Result], Any]) -> None:
+def _portable(error: Exception) -> Exception:
+    """An exception as another process can have it, with where it happened."""
+    where = "".join(traceback.format_exception(error))
+    try:
+        error = pickle.loads(pickle.dumps(error))
+    except Exception:  # some take more arguments than they keep
+        error = WorkerError(f"{type(error).__name__}: {error}")
+    error.add_note(f"in a worker process:\n{where}")
+    return error
+
+
+# ---- in the parent -------------------------------------------------------------------------------------
+
+
+class _Interrupts:
+    """Ctrl-C while work is done: answered once, since what ends then must not be cut short, and never in between."""
+
+    def __init__(self) -> None:
+        self._before: Any = signal.getsignal(signal.SIGINT)
+        # only the main thread is told, and may say who is
+        self._ours = callable(self._before) and threading.current_thread() is threading.main_thread()
+        self._answered, self._held, self._pressed = False, False, False
+
+    def __enter__(self) -> Self:
+        if self._ours:
+            signal.signal(signal.SIGINT, self._pressed_now)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._ours:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _pressed_now(self, *told: Any) -> None:
+        self._pressed = self._held
+        if not (self._held or self._answered):
+            self._answered = True
+            self._before(*told)
+            self._answered = False  # it raised nothing
+
+    @contextmanager
+    def held(self) -> Generator[None]:
+        """Put it off until the end: nothing must be half written."""
+        self._held = True
+        try:
+            yield
+        finally:
+            self._held = False
+        if self._pressed:
+            self._pressed_now(signal.SIGINT, None)
+
+    @contextmanager
+    def unheard(self) -> Generator[None]:
+        """Processes that start meanwhile never hear of it."""
+        if self._ours:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            yield
+        finally:
+            self.__enter__()
+
+
+class _Worker:
+    """A process of its own, with what it has said of the chunk at hand."""
+
+    def __init__(self, play: Play[Any, Any], interrupts: _Interrupts) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.link, theirs = context.Pipe()
+        self.process = context.Process(target=_work, args=(play, theirs))
+        self.results: list[Any] = []
+        self._begun = False
+        try:
+            with interrupts.unheard():  # nor must it answer with a page of its own while it begins
+                self.process.start()
+        except RuntimeError as error:  # this is a worker already, which imports its main module
+            raise WorkerError(f"{UNABLE}; or use jobs=1") from error
+        finally:
+            theirs.close()
+
+    def hear(self) -> bool:
+        """Take in what it says; whether it waits for a chunk."""
+        try:
+            kind, said = self.link.recv()
+        except (EOFError, OSError):
+            raise self._gone() from None
+        if kind == _ERROR:
+            raise said
+        if kind == _RESULT:
+            self.results.append(said)
+        self._begun = True
+        return kind != _RESULT
+
+    def give(self, chunk: Any) -> None:
+        try:
+            self.link.send(chunk)
+        except OSError:
+            raise self._gone() from None
+
+    def taken(self) -> list[Any]:
+        """All that it has finished and nobody took yet."""
+        results, self.results = self.results, []
+        return results
+
+    def _gone(self) -> WorkerError:
+        self.process.join(_LAST_BREATH)
+        code = self.process.exitcode
+        if code is not None and code >= 0:
+            return WorkerError(
+                f"a worker process ended by itself; {_GOES_ON}" if self._begun else f"{UNABLE}; or use jobs=1"
+            )
+        return WorkerError(f"a worker process was killed, most likely for want of memory; {_GOES_ON}; use fewer jobs")
+
+    def end(self, patience: float) -> None:
+        """End it, after some time to end by itself [s]."""
+        self.link.close()
+        self.process.join(patience)
+        self.process.kill()
+        self.process.join()
+
+
+def run(play: Play[Work, Result], chunks: Iterable[Work], jobs: int, done: Callable[[list[Result]], Any]) -> None:
     """Play chunks, in other processes if there is more than one job.
 
+    Ctrl-C, or an error, ends it within moments: chunks under way are given up, and ``done`` gets what was finished of
+    them.
+
     Args:
-        play: Plays one; with several jobs it and the chunks have to be picklable, since processes are spawned.
+        play: Plays one, result by result; with several jobs it and the chunks have to be picklable, since processes are
+            spawned.
         chunks: What to play.
         jobs: How many processes.
-        done: Called with every chunk's result as it ends, in this process.
+        done: Called with every chunk's results as it ends, in this process; Ctrl-C waits for it.
 
     Raises:
-        WorkerError: A process was killed, by the system or by somebody.
+        WorkerError: A process was killed, by the system or by somebody, or could not begin.
     """
-    if jobs == 1:
-        for chunk in chunks:
-            done(play(chunk))
-        return
+
+    def hand_over(results: list[Result]) -> None:
+        if results:
+            done(results)
+
+    with _Interrupts() as interrupts:
+        if jobs == 1:
+            for chunk in chunks:
+                results: list[Result] = []
+                try:
+                    for result in play(chunk):
+                        results.append(result)  # counts, however the next one ends
+                finally:
+                    with interrupts.held():
+                        hand_over(results)
+        else:
+            _share_out(play, deque(chunks), jobs, hand_over, interrupts)
+
+
+def _share_out(
+    play: Play[Work, Result],
+    todo: deque[Work],
+    jobs: int,
+    hand_over: Callable[[list[Result]], None],
+    interrupts: _Interrupts,
+) -> None:
     # workers inherit it: threads of theirs would only fight each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _worker) as pool:
-        waiting: set[Future[Result]] = set()
-        try:
-            todo = iter(chunks)
-            while True:
-                # few at a time, so that an interrupt need not undo a long queue
-                while len(waiting) < 2 * jobs and (chunk := next(todo, None)) is not None:
-                    waiting.add(pool.submit(play, chunk))
-                if not waiting:
-                    return
-                ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in ended:
-                    done(future.result())
-        except BrokenProcessPool as error:
-            raise WorkerError(
-                "a worker process was killed, most likely for want of memory; what had ended by then is kept, and the "
-                "same call goes on from there; use fewer jobs"
-            ) from error
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    workers, patience = list[_Worker](), 0.0
+    try:
+        with interrupts.held():  # no worker must be lost
+            for _ in range(min(jobs, len(todo))):
+                workers.append(_Worker(play, interrupts))
+        busy: dict[Any, _Worker] = {worker.link: worker for worker in workers}
+        while busy:
+            for link in connection.wait(list(busy)):
+                if not (worker := busy[link]).hear():
+                    continue
+                with interrupts.held():
+                    results = worker.taken()
+                    try:
+                        if todo:
+                            worker.give(todo.popleft())
+                        else:
+                            del busy[link]
+                    finally:
+                        hand_over(results)
+        patience = _LAST_BREATH
+    finally:
+        with interrupts.held():
+            for worker in workers:
+                worker.end(patience)
+            for worker in workers:
+                hand_over(worker.taken())

@@ -3,7 +3,6 @@
 import io
 import re
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 from jssa_gym.exceptions import MissingExtraError, PolicyFileError
 from jssa_gym.policies.files import LARGEST, content_of
 from jssa_gym.policies.learned import LearnedPolicy
+from jssa_gym.policies.model import ModelPolicy
 from jssa_gym.policies.network import MOST_LAYERS, WIDEST, Network
 from jssa_gym.policies.scripted import Policy
 from jssa_gym.robots import RobotModel, make_robot
@@ -159,17 +159,7 @@ def unpickle_sb3(path: str | Path) -> Policy:
         model = getattr(stable_baselines3, family.algorithm).load(path, device="cpu")
     except Exception as error:  # what unpickling raises is up to the file
         raise PolicyFileError(f"{path} cannot be loaded as {family.algorithm}: {error}") from error
-    return _Predicting(model)
-
-
-@dataclass(frozen=True, slots=True)
-class _Predicting:
-    """A model's deterministic action; can be sent to processes, if the model can."""
-
-    model: Any
-
-    def __call__(self, observation: Any) -> Any:
-        return self.model.predict(observation, deterministic=True)[0]
+    return ModelPolicy(model)
 
 
 def _weights(path: str | Path) -> tuple[dict[str, Any], set[str]]:
@@ -207,6 +197,11 @@ def _line(error: Exception) -> str:
 
 
 def _family(path: str | Path, state: dict[str, Any]) -> _Family:
+    if any(name.startswith("lstm_") for name in state):
+        raise PolicyFileError(
+            f"{path} holds a recurrent policy, whose state is not in the weights: load the model with sb3_contrib and "
+            "give it to evaluate() itself"
+        )
     for family in _FAMILIES:
         if any(name.startswith(family.mark) for name in state):
             return family

@@ -252,7 +252,7 @@ class _Always:
 def _delay(host_delay: Delay) -> Callable[[np.random.Generator], float]:
     if isinstance(host_delay, tuple):
         return _Between(*low_high("host_delay", host_delay))
-    if isinstance(host_delay, int | float):
+    if isinstance(host_delay, int | float | np.integer | np.floating) and not isinstance(host_delay, bool):
         delay = float(host_delay)
         if not delay >= 0.0:
             raise ParameterError(f"host_delay has to be at least 0, got {host_delay!r}")

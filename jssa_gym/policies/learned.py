@@ -13,7 +13,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.network import Network
 from jssa_gym.robots import ROBOTS, JointLimits, RobotModel, make_robot
 from jssa_gym.types import Array, JointState
-from jssa_gym.validation import known_name, number_within, positive_integer
+from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false
 
 CONTROLS = ("jerk", *MODES)
 """What a network's answer can be."""
@@ -67,8 +67,7 @@ class LearnedPolicy:
         for name in ("task", "robot"):
             if not isinstance(getattr(self, name), str):
                 raise ParameterError(f"{name} has to be a name, got {getattr(self, name)!r}")
-        if not isinstance(self.observes_intervention, bool):
-            raise ParameterError(f"observes_intervention has to be True or False, got {self.observes_intervention!r}")
+        observes = true_or_false("observes_intervention", self.observes_intervention)
         n = len(self.limits.jerk)
         commands = None if self.control == "jerk" else Commands(self.limits, self.control, share, self._model())
         wanted = n if commands is None else commands.size
@@ -77,13 +76,14 @@ class LearnedPolicy:
                 f"the network answers with {self.network.outputs} numbers, control {self.control!r} of {n} joints has "
                 f"{wanted}"
             )
-        if self.network.inputs < 3 * n + self.observes_intervention:
+        if self.network.inputs < 3 * n + observes:
             raise ParameterError(
                 f"the network takes {self.network.inputs} numbers, too few for the state of {n} joints"
             )
         for name, value in (
             ("share", share),
             ("ticks", positive_integer("ticks", self.ticks)),
+            ("observes_intervention", observes),
             ("provenance", _plain(self.provenance)),
             ("_commands", commands),
         ):

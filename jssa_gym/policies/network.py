@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,7 +71,7 @@ class Network:
         std = _read_only(real_array("std", self.std, (n,), "the observation's deviation"))
         if not np.all(std > 0.0):
             raise ParameterError(f"std has to be positive, got {std.min()!r}")
-        if isinstance(self.clip, bool) or not isinstance(self.clip, float | int) or not self.clip > 0.0:
+        if isinstance(self.clip, bool) or not isinstance(self.clip, Real) or not self.clip > 0.0:
             raise ParameterError(f"clip has to be a positive number, got {self.clip!r}")
         for name, value in (("layers", layers), ("mean", mean), ("std", std), ("clip", float(self.clip))):
             object.__setattr__(self, name, value)

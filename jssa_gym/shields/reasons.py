@@ -1,8 +1,11 @@
 """Reasons that decisions give, where a kernel says why by a number or several filters say the same."""
 
+import re
+from collections.abc import Mapping
+
 import numpy as np
 
-from jssa_gym.types import Array
+from jssa_gym.types import Array, Decision, Status
 
 FAULTS = (
     "",
@@ -35,3 +38,87 @@ def of_clipping(nominal: Array, clipped: Array, bound: Array) -> str:
     """Why the nominal was clipped: by the jerk bounds alone, or by the viability box in some joint; shapes (n,)."""
     plain = np.maximum(np.minimum(nominal, bound), -bound)
     return OUTSIDE if (clipped == plain).all() else UNRECOVERABLE
+
+
+REASONS: Mapping[int, str] = {
+    101: "outside the jerk bounds",
+    102: "would leave no way to keep the joint limits",
+    103: "safety rows",
+    104: "closer than the protective distance",
+    105: "waiting for more distance",
+    106: "a repulsive force",
+    107: "sliding mode",
+    201: "no jerk keeps all rows",
+    202: "recovering",
+    203: "no jerk keeps the joint limits",
+    204: "the jerk bounds cut off the safe acceleration",
+    205: "no joint moves the pair",
+    301: "no stop inside the joint limits",
+    302: "its stop takes too many checks",
+    303: "... can reach ... before it rests",
+    304: "... would meet ...",
+    401: "nominal jerk is not finite",
+    402: "joint state is not finite",
+    403: "human measurement is not finite",
+    404: "a human capsule was not measured",
+    405: "the scene does not fit",
+    406: "the joint state cannot be read",
+    407: "the people cannot be read",
+    408: "the joint state is not where the last jerk led",
+    409: "the clock leapt ahead of the arm",
+    411: "... of person ...: too old",
+    412: "... of person ...: not measured",
+    413: "... of person ...: older than one before",
+    414: "... of person ...: frozen",
+    415: "... of person ...: jumped",
+    416: "... of person ...: of another person than before",
+    417: "... of person ...: from the future",
+    418: "... of person ...: not finite",
+    419: "... of person ...: without a radius",
+    421: "the filter failed",
+    422: "the filter's answer",
+    423: "the projection found no solution",
+    424: "the safety index is not finite",
+    425: "a distance or one of its derivatives is not finite",
+    426: "the printed row is not finite",
+    427: "no verified stop",
+    428: "the control step failed",
+    431: "the joint state is frozen",
+    432: "the joint state lags by",
+    433: "the joint state is where the last jerk led again",
+    434: "the arm moves in the first reading",
+    435: "the clock cannot be read",
+    436: "the time is",
+    437: "the clock went back",
+    438: "the clock stands still",
+}
+"""What reasons begin with, by their code: hundreds are the :class:`~jssa_gym.types.Status`, ``...`` stands for names.
+
+A code keeps its meaning for good: new reasons get new ones. The full hundred is everything else of that status, such
+as what filters of users say.
+"""
+
+
+def _pattern(beginning: str) -> re.Pattern[str]:
+    return re.compile(".*?".join(re.escape(part) for part in beginning.split("...")), re.DOTALL)
+
+
+# whole beginnings first: what follows them may quote anything
+_PATTERNS = {
+    status: sorted(
+        ((code, _pattern(text)) for code, text in REASONS.items() if code // 100 == status),
+        key=lambda kind: REASONS[kind[0]].startswith("..."),
+    )
+    for status in Status
+}
+
+
+def reason_code(decision: Decision) -> int:
+    """The reason of a decision as a number, for those who cannot do with text: 0 for NOMINAL, else see `REASONS`."""
+    status, reason = int(decision.status), decision.reason
+    if status == Status.NOMINAL:
+        return 0
+    for code, pattern in _PATTERNS.get(decision.status, ()):
+        if pattern.match(reason):
+            return code
+    return 100 * status

@@ -18,6 +18,7 @@ from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.copying import own_copy
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
+from jssa_gym.shields.reasons import reason_code
 from jssa_gym.shields.wrappers import refuse_other_actions
 from jssa_gym.types import Decision, Scene, Status
 
@@ -49,8 +50,9 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
     once; one that the filter leaves alone is forwarded as a copy, equal in values and type; others as float64, since
     rounding to float32 can break a row. Shares times bounds are the jerks that were decided, to the bit.
 
-    Keys added to ``info`` after ``step``: ``shield/status`` (int, see :class:`~jssa_gym.types.Status`),
-    ``shield/reason`` (str), ``shield/intervened`` (bool), ``shield/phi`` [m²], ``shield/correction`` (largest change
+    Keys added to ``info``, after ``reset`` too: ``shield/status`` (int, see :class:`~jssa_gym.types.Status`),
+    ``shield/reason`` (str), ``shield/reason_code`` (int, see :data:`~jssa_gym.shields.reasons.REASONS`),
+    ``shield/intervened`` (bool), ``shield/phi`` [m²], ``shield/correction`` (largest change
     of a joint's action), ``shield/robot_pair`` and ``shield/human_pair`` (capsule numbers, -1 for none),
     ``shield/slack`` [m²].
 
@@ -153,6 +155,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def _report(info: dict[str, Any], decision: Decision, correction: float) -> None:
         info["shield/status"] = int(decision.status)
         info["shield/reason"] = decision.reason
+        info["shield/reason_code"] = reason_code(decision)
         info["shield/intervened"] = not correction <= _CORRECTION
         info["shield/phi"] = float(decision.phi)
         info["shield/correction"] = correction

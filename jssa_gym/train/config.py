@@ -74,7 +74,7 @@ class TrainConfig:
         known_name("control", self.control, get_args(Control))
         known_name("learn_from", self.learn_from, ("policy", "executed", "penalty", "both"))
         for name in ("shield", "observe_intervention", "normalise", "processes"):
-            true_or_false(name, getattr(self, name))
+            object.__setattr__(self, name, true_or_false(name, getattr(self, name)))
         for name in ("ticks", "steps", "envs", "interval", "eval_episodes"):
             object.__setattr__(self, name, positive_integer(name, getattr(self, name)))
         object.__setattr__(self, "seed", whole_number("seed", self.seed))

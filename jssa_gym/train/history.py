@@ -54,10 +54,16 @@ class Tally:
 
     summaries: list[Mapping[str, Any]] = field(default_factory=list)
 
-    def take(self, info: Mapping[str, Any]) -> None:
+    def take(self, info: Mapping[str, Any]) -> bool:
         """Look whether an episode ended."""
-        if "safety" in info:
-            self.summaries.append(info["safety"])
+        if "safety" not in info:
+            return False
+        self.summaries.append(info["safety"])
+        return True
+
+    def blocked(self, enough: int) -> bool:
+        """Whether so many episodes ended, and every step of them all was a FAULT."""
+        return len(self.summaries) >= enough and all(one["fault_rate"] == 1.0 for one in self.summaries)
 
     def leg(self, steps: int, seconds: float, report: Report) -> Leg:
         """The leg that ends now; counting begins anew."""

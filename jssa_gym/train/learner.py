@@ -1,5 +1,7 @@
 """The Stable-Baselines3 model of a training: built, and turned into a policy."""
 
+import multiprocessing
+import signal
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -17,7 +19,8 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from jssa_gym.exceptions import MissingExtraError, ParameterError
+from jssa_gym.evaluation.workers import UNABLE
+from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network
 from jssa_gym.train.config import INSTALL, TrainConfig
@@ -50,7 +53,10 @@ def make_vec_env(config: TrainConfig) -> VecEnv:
     """The environments, stepped together; a vector environment of the package's own would take its place here."""
     functions: list[Callable[[], gym.Env]] = [partial(_monitored, make) for make in makers(config)]
     if config.processes:
-        return _Processes(functions, start_method="spawn")
+        try:
+            return _Processes(functions, start_method="spawn")
+        except (EOFError, BrokenPipeError, ConnectionResetError, RuntimeError) as error:
+            raise WorkerError(f"{UNABLE}; or train without processes") from error
     return DummyVecEnv(functions)
 
 
@@ -63,6 +69,9 @@ class _Processes(SubprocVecEnv):
 
 
 def _monitored(make: Callable[[], gym.Env]) -> gym.Env:
+    if multiprocessing.parent_process() is not None:
+        # the parent alone answers Ctrl-C, and ends its environments
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     return Monitor(make())
 
 

@@ -3,6 +3,7 @@
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -17,7 +18,7 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from jssa_gym.evaluation.runner import evaluate
-from jssa_gym.exceptions import CheckpointError, MissingExtraError
+from jssa_gym.exceptions import BlockedError, CheckpointError, MissingExtraError
 from jssa_gym.policies.files import read_policy, save_policy
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.train.checkpoint import Checkpoint, latest_checkpoint, write_checkpoint
@@ -40,6 +41,9 @@ from jssa_gym.train.state import (
 CHECKPOINTS, BEST, LAST, HISTORY, LOGS = "checkpoints", "best.npz", "last.npz", "history.csv", "tensorboard"
 LOCK = ".lock"
 """What is in a training's folder."""
+
+_ENOUGH = 3
+"""Episodes of a leg that have to be nothing but FAULTs before it is given up."""
 
 _PACKAGES = ("jssa-gym", "stable-baselines3", "sb3-contrib", "torch", "numpy", "gymnasium", "numba")
 
@@ -89,6 +93,7 @@ def train(
     Raises:
         CheckpointError: The folder is of another training or another process trains in it, all its checkpoints are bad,
             or the disk is full.
+        BlockedError: Every decision of the shield is a FAULT.
         MissingExtraError: A package is not installed.
     """
     folder = Path(folder)
@@ -150,7 +155,8 @@ def _train(config: TrainConfig, folder: Path, tell: Say, watch: Watch | None, de
             logger.close()
         env = model.get_env()
         if env is not None:
-            env.close()
+            with suppress(EOFError, OSError):  # of processes that have ended already
+                env.close()
 
 
 def _differences(begun: Any, asked: Mapping[str, Any]) -> str:
@@ -202,6 +208,8 @@ def _leg(
     seconds = time.monotonic() - begun
     policy = to_policy(model, config)
     report = evaluate(partial(control_env, config), policy, config.eval_episodes, EVALUATION_SEED)
+    if report.blocked:
+        raise BlockedError(_blocked(report.blocked))
     leg = counter.tally.leg(model.num_timesteps, seconds, report)
     history = (*history, leg)
     _log(model, leg)
@@ -225,7 +233,7 @@ def _leg(
 
 
 class _Counter(BaseCallback):
-    """Looks at every episode that ends during the learning."""
+    """Looks at every episode that ends during the learning; ends it if the shield does nothing but fail."""
 
     def __init__(self, watch: Watch | None) -> None:
         super().__init__()
@@ -236,10 +244,15 @@ class _Counter(BaseCallback):
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:
-            self.tally.take(info)
+            if self.tally.take(info) and self.tally.blocked(_ENOUGH):
+                raise BlockedError(_blocked(str(info.get("shield/reason", ""))))
         if self._watch is not None:
             self._watch(self.num_timesteps)
         return True
+
+
+def _blocked(reason: str) -> str:
+    return f"nothing can be learnt: every decision of the shield is a FAULT; the reason: {reason}"
 
 
 def _seed(seed: int, leg: int) -> int:

@@ -49,6 +49,11 @@ class InterventionPenalty(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.Wrapper.__init__(self, env)
         self.weight = number_within("weight", weight, 0.0)
 
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; nothing was changed yet."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        return observation, info | {"reward/intervention": 0.0}
+
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and subtract the penalty."""
         observation, reward, terminated, truncated, info = self.env.step(action)
@@ -114,6 +119,11 @@ class ExecutedAction(gym.Wrapper, gym.utils.RecordConstructorArgs):
         known_name("control", control, ("jerk", *MODES))
         part = number_within("share", share, LEAST_SHARE, 1.0)
         self._commands = None if control == "jerk" else Commands(self._robot.limits, control, part, self._robot)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; nothing was executed yet."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        return observation, info | {EXECUTED: np.zeros(self.action_space.shape or ())}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment and say what it made of the action."""

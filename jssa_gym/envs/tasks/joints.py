@@ -101,7 +101,7 @@ class Track(Task):
     def __post_init__(self) -> None:
         for name in ("period", "tolerance", "speed"):
             object.__setattr__(self, name, positive_number(name, getattr(self, name)))
-        positive_integer("count", self.count)
+        object.__setattr__(self, "count", positive_integer("count", self.count))
 
     def features(self, robot: RobotModel) -> tuple[Feature, ...]:
         ranges = _ranges(robot)

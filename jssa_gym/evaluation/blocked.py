@@ -1,0 +1,32 @@
+"""Runs in which every decision of a shield is a FAULT: they say nothing about policy or filter."""
+
+from collections import Counter
+from collections.abc import Iterable
+
+from jssa_gym.types import Status, Trace
+
+_LONGEST = 200
+"""Characters of a reason that are told."""
+
+
+def commonest(reasons: Iterable[str]) -> str:
+    """The most frequent reason, the first of several, on one line; empty of none."""
+    counts = Counter(reasons)
+    if not counts:
+        return ""
+    return " ".join(max(counts, key=lambda reason: counts[reason]).split())[:_LONGEST] or "no reason given"
+
+
+def fault_of(trace: Trace) -> str:
+    """The most frequent reason of an episode's FAULTs; empty without any."""
+    return commonest(trace.reason[trace.status == Status.FAULT].tolist())
+
+
+def blocked(trace: Trace) -> str:
+    """Why every step of an episode was a FAULT; empty if not every one was."""
+    return fault_of(trace) if len(trace.status) and (trace.status == Status.FAULT).all() else ""
+
+
+def warning(reason: str) -> str:
+    """What is to be said of a run that was blocked."""
+    return f"every decision was a FAULT, so that this says nothing about policy or filter; most often: {reason}"
