@@ -9,7 +9,7 @@ import pytest
 
 import jssa_gym
 from jssa_gym import FILTERS, ArmEnv, SensorModel, Shield, Status, make_filter
-from jssa_gym.safety import monitor
+from jssa_gym.safety import joints, monitor
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import reasons
 from jssa_gym.shields.reasons import REASONS, reason_code
@@ -20,7 +20,9 @@ PACKAGE = Path(jssa_gym.__file__).parent
 GIVES = ("_failed", "_brake", "_fault", "_blind", "_decided", "_replace", "_UnsolvedError", "Decision", "Watch")
 """Calls that take a reason."""
 
-RETURNS = ("_describe", "follow", "of_clipping")
+MONITORS = ("monitor", "joints")
+
+RETURNS = ("_describe", "follow", "of_clipping", "_take", "_date", "_lagging")
 """Functions that return one."""
 
 
@@ -67,8 +69,8 @@ def given(tree):
 
 
 def every_text():
-    found = {*reasons.FAULTS, *reasons.UNFIT}
-    for path in [*(PACKAGE / "shields").glob("*.py"), PACKAGE / "safety" / "monitor.py"]:
+    found = {*reasons.FAULTS, *reasons.UNFIT, *joints.WRONG.values(), joints.AGAIN, joints.MOVING}
+    for path in [*(PACKAGE / "shields").glob("*.py"), *(PACKAGE / "safety" / f"{name}.py" for name in MONITORS)]:
         found |= set(given(ast.parse(path.read_text())))
     # what begins with another reason adds to it
     return sorted(text for text in found if text and not text.startswith("x; "))

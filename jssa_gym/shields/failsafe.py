@@ -158,7 +158,9 @@ class VerifiedStop:
                 wrong,
             )
         joints.remember()
-        return wrong or ("the clock leapt ahead of the arm" if leapt else "")
+        if leapt and not wrong:
+            return "the clock leapt ahead of the arm"
+        return wrong
 
     def _catch_up(self, seen: Array, late: int) -> bool:
         """Whether an arm went on with the stored stop for ``late`` ticks without a decision; ``seen`` (3, n) tells.
