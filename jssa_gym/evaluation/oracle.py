@@ -48,9 +48,8 @@ class Oracle:
         self._turn = _turn((end - start) / np.maximum(length, _POINT)[..., None])
         for i in range(len(radius)):
             body = spec.worldbody.add_body(name=f"human {i}", mocap=True)
-            half = float(self._half[:, i].max())
-            kind = mujoco.mjtGeom.mjGEOM_CAPSULE if half > _POINT else mujoco.mjtGeom.mjGEOM_SPHERE
-            body.add_geom(name=f"human {i}", type=kind, size=[radius[i], half, 0.0])
+            size = [radius[i], max(float(self._half[:, i].max()), _POINT), 0.0]
+            body.add_geom(name=f"human {i}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=size)
         for i in range(len(offset)):
             plane, turn = mujoco.mjtGeom.mjGEOM_PLANE, np.zeros(4)
             mujoco.mju_quatZ2Vec(turn, normal[i])
@@ -69,6 +68,9 @@ class Oracle:
 
     def place(self, k: int) -> None:
         """Put the people where they are at moment k; :meth:`move` takes it into account."""
+        sphere, capsule = self._mujoco.mjtGeom.mjGEOM_SPHERE, self._mujoco.mjtGeom.mjGEOM_CAPSULE
+        # before 3.17 MuJoCo finds capsules without a length far away from everything
+        self.model.geom_type[self.human] = np.where(self._half[k] > _POINT, capsule, sphere)
         self.model.geom_size[self.human, 1] = self._half[k]
         self.data.mocap_pos[:] = self._middle[k]
         self.data.mocap_quat[:] = self._turn[k]
