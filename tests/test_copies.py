@@ -215,18 +215,39 @@ def test_no_array_of_a_filter_is_a_view_of_another(build, layers) -> None:
 
 
 class Peeking(NoFilter):
-    """A user's filter that keeps a view of its own memory."""
+    """A user's filter that keeps a view of its own memory once it knows how much it needs."""
+
+    where = "speed"
 
     def __init__(self, *args, **options) -> None:
         super().__init__(*args, **options)
-        self.motion = np.zeros((3, 6))
-        self.speed = self.motion[1]
+        self._resize(0)
+
+    def _resize(self, count) -> None:
+        self.rows = np.zeros((3, count))
+        setattr(self, self.where, {"kept": [self.rows[1]]} if self.where == "nested" else self.rows[1])
+
+    def _filter(self, scene, state, agents, nominal, inside):
+        if self.rows.shape[1] != len(agents):
+            self._resize(len(agents))
+        return super()._filter(scene, state, agents, nominal, inside)
 
 
-def test_a_filter_that_a_copy_would_blind_is_refused_by_name() -> None:
-    env = ArmEnv("home")
-    with pytest.raises(InterfaceError, match="Peeking cannot be copied: its attributes motion and speed share memory"):
-        Shield(env, Peeking(env.robot, env.dt))
+class Hiding(Peeking):
+    where = "nested"
+
+
+@copies
+@pytest.mark.parametrize("kind", [Peeking, Hiding])
+def test_a_filter_that_a_copy_would_blind_is_refused_by_name(kind, duplicate) -> None:
+    base = ArmEnv("home")
+    env = Shield(base, kind(base.robot, base.dt))
+    env.reset(seed=0)
+    env.step(np.zeros(6))
+    with pytest.raises(InterfaceError, match=f"{kind.__name__} cannot be copied: its attributes rows and {kind.where}"):
+        duplicate(env)
+    with pytest.raises(InterfaceError, match="share memory"):
+        Shield(ArmEnv("home"), env.filter)
 
 
 def test_views_are_found() -> None:

@@ -460,8 +460,9 @@ SICK = {
     "not the nominal": (lambda f, d: d._replace(status=Status.NOMINAL, jerk=d.jerk / 2.0), "not the nominal"),
     "a fault of its own": (lambda f, d: d._replace(status=Status.FAULT, reason="I am sick"), "I am sick"),
     "failed": (lambda f, d: f._failed(d.nominal, "I am sick"), "I am sick"),
-    "phi is None": (lambda f, d: d._replace(phi=None), "phi, distance, slack and pair"),
-    "three in a pair": (lambda f, d: d._replace(pair=(0, 0, 0)), "phi, distance, slack and pair"),
+    "phi is None": (lambda f, d: d._replace(phi=None), "TypeError"),
+    "three in a pair": (lambda f, d: d._replace(pair=(0, 0, 0)), "ValueError"),
+    "a status of its own": (lambda f, d: d._replace(status=17), "ValueError"),
     "a tuple of its own": (lambda f, d: OwnDecision(*d), "OwnDecision, no Decision"),
     "writes into the nominal": (lambda f, d: _writes(d), "not the nominal"),
 }
@@ -473,6 +474,21 @@ def test_a_sick_filter_ends_in_the_stored_stop(robot, make_scene, how, caplog):
     arm = Arm(filter, make_scene).get_going()
     filter.how, word = SICK[how]
     assert_stored_stop_goes_on(arm, lambda: filter.decide(arm.scene(), 0.9 * arm.filter.upper), word, 120)
+
+
+def test_numbers_of_any_kind_are_an_answer(robot, make_scene):
+    """What a filter of a user's own answers is taken as Python's numbers, whatever numpy made of them."""
+    filter = Sick(robot, DT, viability=True, failsafe=PARAMS)
+    arm = Arm(filter, make_scene).get_going()
+    filter.how = lambda f, d: d._replace(
+        phi=np.float32(0.5), distance=np.float64(2.0), slack=0, pair=np.unravel_index(3, (2, 2)), status=int(d.status)
+    )
+    decision = arm.step(np.zeros(6))
+    assert decision.status == Status.NOMINAL
+    assert [type(x) for x in (decision.phi, decision.distance, decision.slack, *decision.pair)] == [float] * 3 + [
+        int
+    ] * 2
+    assert type(decision.status) is Status
 
 
 def test_a_filter_that_fails_itself_outside_its_box_moves_the_stored_stop_on_by_one_tick(robot, make_scene):

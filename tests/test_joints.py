@@ -446,7 +446,6 @@ def test_the_drift_that_is_believed_is_bounded(robot):
             reading = monitor.read(JointState(*(monitor.expected + off)), k * DT)
             believed.append(not monitor.judge(reading))
             assert not believed[-1] or np.all(np.abs(off) <= tolerance + 1.0001e-9 * size)
-            monitor.remember()
         assert believed[0]
         assert sum(believed) > 100
         assert not any(believed[-1000:])
@@ -578,7 +577,6 @@ class Watched:
         """Why a reading, right unless another is given, is not believed."""
         state = self.truth if state is None else state
         reason = self.monitor.judge(self.monitor.read(JointState(*state), self.time if time is None else time))
-        self.monitor.remember()
         if not still:
             self.monitor.expected[0] += DT * self.monitor.expected[1]
         self.time += DT

@@ -69,7 +69,7 @@ def given(tree):
 
 
 def every_text():
-    found = {*reasons.FAULTS, *reasons.UNFIT, *joints.WRONG.values(), joints.AGAIN, joints.MOVING}
+    found = {*reasons.FAULTS, *reasons.UNFIT, *joints.WRONG.values(), joints.MOVING, joints.NOT_FINITE}
     for path in [*(PACKAGE / "shields").glob("*.py"), *(PACKAGE / "safety" / f"{name}.py" for name in MONITORS)]:
         found |= set(given(ast.parse(path.read_text())))
     # what begins with another reason adds to it

@@ -519,10 +519,16 @@ def test_fixtures_that_are_none_are_refused(start, end, radius, normal, offset):
     for first in (True, False):
         rows = [good, [start, end, radius, normal, offset]] if first else [[start, end, radius, normal, offset], good]
         arrays = [np.array(column, float) for column in zip(*rows, strict=True)]
-        assert not ver.load_fixtures(*arrays, statics, planes)
-    assert ver.load_fixtures(*(np.array([x], float) for x in good), statics, planes)
+        assert ver.load_fixtures(*arrays, statics, planes, True) == ver.UNSOUND
+        assert ver.load_fixtures(*arrays, statics, planes, False) == ver.UNSOUND
+    assert ver.load_fixtures(*(np.array([x], float) for x in good), statics, planes, True) == 0
+    assert ver.load_fixtures(*(np.array([x], float) for x in good), statics, planes, False) == 0
     np.testing.assert_array_equal(statics["end"][0], np.ones(3))
     assert planes["offset"][0] == 0.3
+    for k, moved in enumerate([np.full(3, 0.1), np.full(3, 1.1), 0.3, np.array([0.0, 1.0, 0.0]), 0.4]):
+        other = [np.array([moved if i == k else x], float) for i, x in enumerate(good)]
+        changed = ver.CHANGED_STATICS if k < 3 else ver.CHANGED_PLANES
+        assert ver.load_fixtures(*other, statics, planes, False) == changed
 
 
 def test_an_arm_at_rest_may_be_touched_and_one_that_begins_to_move_may_not(robot):

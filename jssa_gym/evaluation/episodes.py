@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.evaluation.campaign import Campaign, Cell
-from jssa_gym.evaluation.contenders import CONTENDERS, JOINTS, PEOPLE, shielded, within_assumptions
+from jssa_gym.evaluation.contenders import CONTENDERS, PEOPLE, shielded, within_assumptions
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.ledger import Chunk, trace_name
 from jssa_gym.evaluation.replay import judge
@@ -219,13 +219,13 @@ def drawn(cell: Cell, seed: int, share: float) -> bool:
 
 @contextmanager
 def _expecting(fault: str) -> Generator[None]:
-    """What a shield says aloud of joint readings that are wrong for good is no news where they are made wrong."""
+    """What a shield says aloud of what is wrong for good is no news where it is made wrong."""
 
     def news(record: logging.LogRecord) -> bool:
         return record.levelno > logging.WARNING
 
     logger = logging.getLogger("jssa_gym")
-    if fault in JOINTS:
+    if fault != "none":
         logger.addFilter(news)
     try:
         yield

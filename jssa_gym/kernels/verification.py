@@ -37,29 +37,61 @@ _LOOKS = 250
 _TOLERANCE = 1e-10
 """Share of a joint limit by which a stop may exceed it: rounding."""
 
+UNSOUND, CHANGED_PLANES, CHANGED_STATICS = 1, 2, 3
+"""What can be wrong with what stands still."""
+
 SAFE, LIMITS, REACH, HALF_SPACE, STATIC, SELF, UNDECIDED = 0, 1, 2, 3, 4, 5, 6
 """What a verification ends in."""
 
 
 @jit
-def load_fixtures(start, end, radius, normal, offset, statics, planes):
-    """Static capsules and half-spaces into records; False if one is not finite or a normal is no unit vector."""
-    sound = True
-    for j in range(radius.shape[0]):
-        record = statics[j]
-        for k in range(3):
-            record["start"][k], record["end"][k] = start[j, k], end[j, k]
-            sound = sound and np.isfinite(start[j, k] + end[j, k])
-        record["radius"] = radius[j]
-        sound = sound and 0.0 < radius[j] < np.inf
+def load_fixtures(start, end, radius, normal, offset, statics, planes, first):
+    """Static capsules and half-spaces into records or, unless they are the ``first``, compared with those there.
+
+    Returns:
+        0, ``UNSOUND`` if one is not finite, has no radius or a normal that is no unit vector, ``CHANGED_PLANES`` or
+        ``CHANGED_STATICS``. Of those that are not the first nothing is taken down.
+    """
     for j in range(offset.shape[0]):
-        record, length2 = planes[j], 0.0
+        length2 = 0.0
         for k in range(3):
-            record["normal"][k] = normal[j, k]
             length2 += normal[j, k] ** 2
-        record["offset"] = offset[j]
-        sound = sound and abs(length2 - 1.0) < 1e-6 and np.isfinite(offset[j])
-    return sound
+        if not (abs(length2 - 1.0) < 1e-6 and np.isfinite(offset[j])):
+            return UNSOUND
+    for j in range(radius.shape[0]):
+        for k in range(3):
+            if not np.isfinite(start[j, k] + end[j, k]):
+                return UNSOUND
+        if not 0.0 < radius[j] < np.inf:
+            return UNSOUND
+    if not first:
+        return _changed(start, end, radius, normal, offset, statics, planes)
+    for j in range(offset.shape[0]):
+        planes[j]["offset"] = offset[j]
+        for k in range(3):
+            planes[j]["normal"][k] = normal[j, k]
+    for j in range(radius.shape[0]):
+        statics[j]["radius"] = radius[j]
+        for k in range(3):
+            statics[j]["start"][k], statics[j]["end"][k] = start[j, k], end[j, k]
+    return 0
+
+
+@jit
+def _changed(start, end, radius, normal, offset, statics, planes):
+    for j in range(offset.shape[0]):
+        same = planes[j]["offset"] == offset[j]
+        for k in range(3):
+            same = same and planes[j]["normal"][k] == normal[j, k]
+        if not same:
+            return CHANGED_PLANES
+    for j in range(radius.shape[0]):
+        same = statics[j]["radius"] == radius[j]
+        for k in range(3):
+            same = same and statics[j]["start"][k] == start[j, k] and statics[j]["end"][k] == end[j, k]
+        if not same:
+            return CHANGED_STATICS
+    return 0
 
 
 @jit

@@ -1,12 +1,12 @@
 """What a shield believes about its own arm: where the jerks that it applied must have led, not what is read."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.joints import AGREES, ASTRAY, FROZEN, LAGS, deviates, judge_joints
+from jssa_gym.kernels.joints import AGREES, ASTRAY, FROZEN, LAGS, MISSING, deviates, judge_joints
 from jssa_gym.types import Array
 
 AGREEMENTS = 5
@@ -28,6 +28,8 @@ _RELAPSES = 5
 _REMEMBERED = 32
 """Ticks by which a reading may lag and still be told so."""
 
+_FLOAT64 = np.dtype(np.float64)
+
 _AT_REST = 1e-6
 """Speed [rad/s] and acceleration [rad/s²] of joints below which they rest: what rounding leaves."""
 
@@ -35,25 +37,13 @@ WRONG = {
     FROZEN: "the joint state is frozen: the same again though the arm has moved",
     ASTRAY: "the joint state is not where the last jerk led",
 }
-AGAIN = "the joint state is where the last jerk led again, but not for long enough to be believed"
-
+NOT_FINITE = "joint state is not finite"
 MOVING = "the arm moves in the first reading; with a state_tolerance it has to begin at rest"
 
 
 def at_rest(state: Array) -> bool:
     """Whether a joint state (3, n) rests, up to rounding."""
     return bool(np.abs(state[1:]).max(initial=0.0) < _AT_REST)
-
-
-class Reading(NamedTuple):
-    """One tick's joint state and clock as they were delivered."""
-
-    state: Array | None
-    """Shape (3, n) [rad, rad/s, rad/s²]; None if it cannot be used at all."""
-    late: int
-    """Ticks without a decision that have passed, by the clock, since a reading was right for the last time."""
-    reason: str
-    """What is wrong with the form of the state, or with the clock; empty if nothing is."""
 
 
 class JointMonitor:
@@ -87,7 +77,7 @@ class JointMonitor:
 
     def __init__(self, bounds: Array, dt: float, tolerance: Array) -> None:
         n = bounds.shape[1]
-        self.bounds, self.dt, self.tolerance = bounds, dt, tolerance
+        self.bounds, self.dt, self.tolerance, self._shape = bounds, dt, tolerance, (n,)
         self.expected = np.zeros((3, n))
         """Where the arm is, as far as the applied jerks tell, shape (3, n)."""
         self._exact = bool(np.any(tolerance == 0.0))
@@ -99,9 +89,9 @@ class JointMonitor:
         """Forget the past; the arm is where ``robot`` says or, if that cannot be used, the first reading that can."""
         self.begun = False
         self.expected[:] = 0.0
-        self._time, self._ticks = math.nan, 0
+        self._time, self._ticks, self._clock = math.nan, 0, ""
         self._forget()
-        if not self._take(robot):
+        if not self._take(robot) and self._measured():
             self._begin()
 
     def _forget(self) -> None:
@@ -110,7 +100,7 @@ class JointMonitor:
         self._newest = 0
         # how many readings have to be right in a row before they are believed again; how many were wrong in a row, and
         # believed; how often they were wrong after they had been believed
-        self._owed, self._wrong, self._believed, self._lapses = 0, 0, 0, 0
+        self._owed, self._wrong, self._believed, self._lapses, self._why = 0, 0, 0, 0, ""
         # ticks by which the clock is ahead of the control steps: now, when a reading was right for the last time, what
         # a lag asks it to reach; and lately
         self._offset, self._settled, self._due = 0.0, 0.0, -math.inf
@@ -125,36 +115,59 @@ class JointMonitor:
             self.expected[:] = self._reading
             self.begun = True
 
-    def read(self, robot: Any, time: Any) -> Reading:
-        """Take down what is delivered in this tick; never raises, whatever it is."""
+    @property
+    def seen(self) -> Array:
+        """What was read last, shape (3, n)."""
+        return self._reading
+
+    def read(self, robot: Any, time: Any) -> str:
+        """Take down what is delivered in this tick; why it cannot be used, or nothing. Never raises, whatever it is.
+
+        Has to be asked once a tick, and :meth:`judge` with the answer after it.
+        """
         self._ticks += 1
-        clock, reason = self._date(time), self._take(robot)
-        if reason:
-            return Reading(None, 0, reason)
-        if not self.begun:
+        self._clock = self._date(time)
+        reason = self._take(robot)
+        if not (self.begun or reason):
+            if not self._measured():
+                return NOT_FINITE
             self._begin()
-        if not self.begun:
-            return Reading(None, 0, MOVING)
-        return Reading(self._reading, max(round(self._offset - self._settled), 0), clock)
+            if not self.begun:
+                return MOVING
+        return reason
+
+    @property
+    def late(self) -> int:
+        """Ticks without a decision that have passed, by the clock, since a reading was right for the last time."""
+        return max(round(self._offset - self._settled), 0)
 
     def _take(self, robot: Any) -> str:
         """Into ``self._reading``; why that is impossible, or nothing."""
-        shape = self.expected.shape[1:]
+        reading, shape = self._reading, self._shape
         try:
             for row, values in enumerate((robot.position, robot.velocity, robot.acceleration)):
+                if type(values) is not np.ndarray or values.dtype is not _FLOAT64:
+                    self._check(values)
                 if values.shape != shape:
                     raise ValueError(f"it has shape {values.shape}, expected {shape}")
-                if isinstance(values, np.ma.MaskedArray):
-                    raise ValueError("it is masked")
-                if values.dtype.kind not in "fiu":
-                    raise ValueError(f"it is {values.dtype}, expected real numbers")
-                if self._exact and values.dtype.kind == "f" and values.dtype.itemsize < 8:
-                    raise ValueError(f"it is {values.dtype}, which without a state_tolerance has to be float64")
-                self._reading[row] = values
+                reading[row] = values
         except Exception as error:  # whatever a driver delivers, the arm must go on safely
             return f"the joint state cannot be read: {error}"
-        finite = np.isfinite(self._reading)
-        return "" if finite.all() or (finite | (self.tolerance == np.inf)).all() else "joint state is not finite"
+        return ""
+
+    def _check(self, values: Any) -> None:
+        """Raises if an array is not what is taken for one."""
+        kind, size = values.dtype.kind, values.dtype.itemsize
+        if isinstance(values, np.ma.MaskedArray):
+            raise ValueError("it is masked")
+        if kind not in "fiu":
+            raise ValueError(f"it is {values.dtype}, expected real numbers")
+        if self._exact and kind == "f" and size < 8:
+            raise ValueError(f"it is {values.dtype}, which without a state_tolerance has to be float64")
+
+    def _measured(self) -> bool:
+        """Whether all is finite that has to be measured."""
+        return bool((np.isfinite(self._reading) | (self.tolerance == np.inf)).all())
 
     def _date(self, time: Any) -> str:
         """Compare the clock with the ticks; what is wrong with it."""
@@ -181,12 +194,15 @@ class JointMonitor:
         """Whether a reading (3, n) is within the tolerance of an expected state (3, n)."""
         return not deviates(state, expected, self.bounds, self.tolerance)
 
-    def judge(self, reading: Reading) -> str:
-        """Compare a reading with the expected state; why it is not believed, or nothing."""
-        if reading.state is None:  # nothing false was said, and nothing right
-            return reading.reason
+    def judge(self, form: str) -> str:
+        """Compare what was read with the expected state; why it is not believed, or nothing.
+
+        Args:
+            form: What :meth:`read` answered.
+        """
         code = judge_joints(
-            reading.state,
+            self._reading,
+            not form,
             self.expected,
             self._last,
             self._anchor,
@@ -195,22 +211,27 @@ class JointMonitor:
             self.bounds,
             self.tolerance,
         )
+        self._newest = (self._newest + 1) % _REMEMBERED
+        self._offsets[self._newest] = self._offset
+        if code == MISSING:  # nothing false was said, and nothing right
+            return form or NOT_FINITE
         if code != AGREES:
             if not self._owed:
                 self._lapses += 1
             self._wrong, self._believed = self._wrong + 1, 0
             self._owed = AGREEMENTS << min(self._lapses - 1, _DOUBLINGS)
-            return WRONG[code] if code in WRONG else self._lagging(code - LAGS + 1)
+            self._why = WRONG[code] if code in WRONG else self._lagging(code - LAGS + 1)
+            return self._why
         self._wrong = 0
-        if reading.reason:
-            return reading.reason
+        if self._clock:
+            return self._clock
         if self._offset < self._due:
             return self._lagging(math.ceil(self._due - self._offset))
         self._due, self._settled = -math.inf, self._offset
         if self._owed:
             self._owed -= 1
-        if self._owed:
-            return AGAIN
+            if self._owed:
+                return f"{self._why}; right again, but not for long enough to be believed"
         self._believed += 1
         if self._believed >= _FORGIVEN:
             self._lapses = 0
@@ -227,12 +248,6 @@ class JointMonitor:
             self._due = max(self._due, self._offset + ticks - 0.5)
         return f"the joint state lags by {ticks} tick{'s' if ticks > 1 else ''}"
 
-    def remember(self) -> None:
-        """Keep what is expected now, before a jerk is applied."""
-        self._newest = (self._newest + 1) % _REMEMBERED
-        self._past[self._newest] = self.expected
-        self._offsets[self._newest] = self._offset
-
     def rebase(self, robot: Any, time: Any) -> None:
         """Take a resting arm to be where its reading says; what was wrong is forgotten.
 
@@ -244,7 +259,7 @@ class JointMonitor:
         """
         if not at_rest(self.expected):
             raise ParameterError("the arm is still braking: rebase it when it rests")
-        if wrong := self._take(robot):
+        if wrong := self._take(robot) or ("" if self._measured() else NOT_FINITE):
             raise ParameterError(wrong)
         try:
             old = not float(time) < math.inf or float(time) <= self._time

@@ -48,6 +48,18 @@ class Watch(NamedTuple):
         return human._replace(start=start, end=end)
 
 
+def _unlike(human: Any, age: Any, valid: Any) -> str:
+    """Which of the people's arrays is none, or masked; empty if all are arrays."""
+    fields = ("start", "end", "start_velocity", "end_velocity", "radius", "person")
+    parts = {**{name: getattr(human, name, None) for name in fields}, "age": age, "valid": valid}
+    for name, part in parts.items():
+        if isinstance(part, np.ma.MaskedArray):
+            return f"{name} is masked"
+        if not isinstance(part, np.ndarray):
+            return f"{name} is of type {type(part).__name__}, no array"
+    return ""
+
+
 class HumanMonitor:
     r"""Believes a measurement only if it can be true, and lets the last believed one age meanwhile.
 
@@ -120,7 +132,7 @@ class HumanMonitor:
                 raise ValueError(f"the time went back from {self._time:g} s to {time:g} s")
             self._read(human, age, valid)
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
-            return self._blind(scene_time, f"the people cannot be read: {error}")
+            return self._blind(scene_time, f"the people cannot be read: {_unlike(human, age, valid) or error}")
         self._time = time
         return self._judged(time, "")
 
@@ -147,8 +159,11 @@ class HumanMonitor:
             raise ValueError(f"{shape[0]} capsules instead of {len(self._people.radius)}")
         elif self._people.names != tuple(names):
             raise ValueError("the capsules have other names than before")
-        if any(isinstance(array, np.ma.MaskedArray) for array in (*human[:5], age, valid, human.person)):
-            raise ValueError("an array is masked")
+        if not (
+            type(human.start) is type(human.end) is type(human.start_velocity) is type(human.end_velocity) is np.ndarray
+            and type(human.radius) is type(human.person) is type(age) is type(valid) is np.ndarray
+        ) and (wrong := _unlike(human, age, valid)):
+            raise ValueError(wrong)
         # into arrays of one's own: of the type that the kernel is compiled for, whatever comes
         np.copyto(self._ends[0], human.start)
         np.copyto(self._ends[1], human.end)

@@ -12,6 +12,8 @@ from jssa_gym.kernels.motion import integrate, violates
 from jssa_gym.kernels.records import AGENT, FRAME, PLANE, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk, stop_length
 from jssa_gym.kernels.verification import (
+    CHANGED_PLANES,
+    CHANGED_STATICS,
     HALF_SPACE,
     LIMITS,
     REACH,
@@ -27,10 +29,19 @@ from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.safety.joints import JointMonitor, at_rest
 from jssa_gym.safety.monitor import HumanMonitor, Watch
 from jssa_gym.safety.proximity import plain, plain_capsules, records_for
-from jssa_gym.types import Array, CapsuleSet, Scene
+from jssa_gym.types import Array, CapsuleSet, Planes, Scene
 
 _ROUNDING = 1e-9
 """Share of the joint limits by which an arm at rest may be beyond them."""
+
+_FIXTURES = (
+    "",
+    "a static capsule or half-space is not finite, a radius not positive, or a normal no unit vector",
+    "the half-spaces are not those of the beginning",
+    "the static capsules are not those of the beginning",
+)
+"""What is wrong with what stands still, by the number of :func:`~jssa_gym.kernels.verification.load_fixtures`: it does
+not come, go or move."""
 
 _logger = logging.getLogger("jssa_gym")
 
@@ -82,7 +93,9 @@ class VerifiedStop:
         self._monitor: HumanMonitor | None = None
         self._growth = self._touch = np.zeros(0)
         self._clock = TickClock(self.dt)
-        self._fixtures: tuple[bytes, bytes, tuple[str, ...], tuple[str, ...]] | None = None
+        # static capsules and half-spaces: as they were shown last, what is read of them, whether those are the first
+        self._shown: tuple[Any, Any] = (None, None)
+        self._fixtures, self._names, self._first = (nobody(), np.zeros((0, 3)), np.zeros(0)), ((), ()), True
         self._joints.reset(robot)
         self._replan()
 
@@ -141,14 +154,12 @@ class VerifiedStop:
         """
         joints = self._joints
         begun = joints.begun
-        reading = joints.read(robot, time)
+        form = joints.read(robot, time)
         if not begun or (self._tick and self._tick >= stop_length(self._stored) and not at_rest(self.expected)):
             # there is a first reading, or a stop that nobody verified did not end in rest
             self._replan()
-        leapt = False
-        if reading.state is not None and reading.late > 0:
-            leapt = not self._catch_up(reading.state, reading.late)
-        wrong = joints.judge(reading)
+        leapt = not form and joints.late > 0 and not self._catch_up(joints.seen, joints.late)
+        wrong = joints.judge(form)
         if wrong and joints.persistent and not self._told:
             self._told = True
             _logger.warning(
@@ -157,7 +168,6 @@ class VerifiedStop:
                 "names what is wrong with an environment; FailsafeParams(state_tolerance=...) is for measured states.",
                 wrong,
             )
-        joints.remember()
         if leapt and not wrong:
             return "the clock leapt ahead of the arm"
         return wrong
@@ -195,28 +205,38 @@ class VerifiedStop:
     def take_fixtures(self, scene: Scene) -> str:
         """Take down the static agents for :meth:`confirm`; what is wrong with them, or nothing. Never raises."""
         try:
-            static, planes = plain_capsules(scene.static), scene.planes
-            normal, offset = np.asarray(plain(planes.normal), float), np.asarray(plain(planes.offset), float)
-            names = tuple(planes.names), tuple(static.names)
-            self._statics = records_for(static, self._statics)
-            if normal.shape != (len(offset), 3):
-                raise ValueError(f"{len(offset)} half-spaces with normals of shape {normal.shape}")
-            if (len(offset), len(static.radius)) != (len(names[0]), len(names[1])):
-                raise ValueError(f"half-spaces and static capsules have the names {names}")
+            if scene.static is not self._shown[0] or scene.planes is not self._shown[1]:
+                self._recognise(scene.static, scene.planes)
         except Exception as error:  # whatever static agents a scene has, the arm must go on safely
             return str(error)
-        if len(self._planes) != len(offset):
-            self._planes = records(len(offset), PLANE)
-        if not load_fixtures(static.start, static.end, static.radius, normal, offset, self._statics, self._planes):
-            return "a static capsule or half-space is not finite, a radius not positive, or a normal no unit vector"
-        # what stands still does not come, go or move
-        fixtures = self._planes.tobytes(), self._statics.tobytes(), *names
-        if self._fixtures is None:
-            self._fixtures = fixtures
-        if fixtures == self._fixtures:
-            return ""
-        changed = "static capsules" if fixtures[::2] == self._fixtures[::2] else "half-spaces"
-        return f"the {changed} are not those of the beginning"
+        static, normal, offset = self._fixtures
+        state = load_fixtures(
+            static.start, static.end, static.radius, normal, offset, self._statics, self._planes, self._first
+        )
+        if state == 0:
+            self._first = False
+        return _FIXTURES[state]
+
+    def _recognise(self, static: CapsuleSet, planes: Planes) -> None:
+        """Take other objects for the fixtures; raises if they are no such thing, or have other names or numbers."""
+        capsules, normal, offset = plain_capsules(static), plain(planes.normal), plain(planes.offset)
+        names = tuple(planes.names), tuple(static.names)
+        statics = records_for(capsules)
+        if normal.shape != (len(offset), 3):
+            raise ValueError(f"{len(offset)} half-spaces with normals of shape {normal.shape}")
+        if (len(offset), len(statics)) != (len(names[0]), len(names[1])):
+            raise ValueError(f"half-spaces and static capsules have the names {names}")
+        fixtures = capsules, np.asarray(normal, np.float64), np.asarray(offset, np.float64)
+        if not self._first and names != self._names:
+            ends = capsules.start, capsules.end, capsules.radius
+            unsound = load_fixtures(*ends, *fixtures[1:], statics, records(len(offset), PLANE), True)
+            raise ValueError(_FIXTURES[unsound or (CHANGED_STATICS if names[0] == self._names[0] else CHANGED_PLANES)])
+        if self._first:
+            self._statics, self._planes, self._names = statics, records(len(offset), PLANE), names
+        # copies in another type are made anew each time: what they were made of may have changed
+        same = capsules is static and normal.dtype == offset.dtype == np.float64
+        self._shown = (static, planes) if same else (None, None)
+        self._fixtures = fixtures
 
     def confirm(self, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]) -> Verdict:
         """The wanted jerk (n,) if its stop is verified; else half way to the stored stop's; else the stored stop's.
@@ -294,15 +314,23 @@ class VerifiedStop:
             self._segments,
         )
 
+    def _outside(self) -> str:
+        """Which joint is where it should not be, or nothing."""
+        position, (low, high) = self.expected[0], self._bounds[:2]
+        for j in np.flatnonzero((position < low) | (position > high))[:1]:
+            name = self.robot.joint_names[j]
+            return f": {name} is at {position[j]:.4g} rad, outside [{low[j]:.4g}, {high[j]:.4g}] rad"
+        return ""
+
     def _describe(self, code: int, row: int, column: int, moment: float, people: CapsuleSet) -> str:
         if code == 0:
             return ""
         if code == LIMITS:
-            return "no stop inside the joint limits"
+            return f"no stop inside the joint limits{self._outside()}"
         if row < 0:
             return "its stop takes too many checks"
         part, when = self.robot.capsule_names[row], f"{moment:.3f} s"
-        *_, planes, statics = self._fixtures or (b"", b"", (), ())
+        planes, statics = self._names
         if code == REACH:
             return f"{people.names[column]} can reach {part} before it rests, in {when}"
         if code == HALF_SPACE:

@@ -20,6 +20,8 @@ from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.monitor import Watch
 from jssa_gym.safety.proximity import plain, plain_capsules, records_for
+from jssa_gym.shields.answers import part_of, sound
+from jssa_gym.shields.copying import refuse_shared_memory
 from jssa_gym.shields.failsafe import Verdict, VerifiedStop
 from jssa_gym.shields.reasons import FAULTS, NO_SCENE, UNFIT
 from jssa_gym.types import Array, Decision, JointState, Scene, Status
@@ -27,26 +29,8 @@ from jssa_gym.validation import positive_number
 
 _logger = logging.getLogger("jssa_gym")
 
-
-def _part(scene: Any, name: str) -> tuple[Any, str]:
-    """A part of a scene, or None and why it cannot be had: whatever a perception system throws, the arm goes on."""
-    try:
-        return getattr(scene, name), ""
-    except Exception as error:
-        return None, str(error)
-
-
-def _sound(decision: Decision, shape: tuple[int, ...]) -> Array:
-    """The jerk of a filter's answer; raises if the answer is not what it should be, so that nothing does later."""
-    jerk = decision.jerk
-    if jerk.shape != shape or jerk.dtype != np.float64:
-        raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
-    if not isinstance(decision, Decision):
-        raise TypeError(f"the answer is {type(decision).__name__}, no Decision")
-    numbers = (decision.phi, decision.distance, decision.slack, *decision.pair)
-    if not all(isinstance(number, int | float) for number in numbers) or len(decision.pair) != 2:
-        raise TypeError(f"phi, distance, slack and pair of the answer are {numbers}")
-    return jerk
+_LONG = 125
+"""Faults in a row that are said aloud: a second of them."""
 
 
 class SafetyFilter(ABC):
@@ -101,7 +85,18 @@ class SafetyFilter(ABC):
         self._applied = np.zeros(robot.n)
         self._clipped = np.zeros(robot.n)
         self._valid = np.ones(0, np.bool_)
+        # faults in a row; whether those have been said aloud, and which failure was logged last
+        self._faults, self._told, self._logged = 0, False, ""
         self._agents = records(0, AGENT)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is copied and sent: all there is, unless a copy would be blind.
+
+        Raises:
+            InterfaceError: An attribute is a view of another's memory.
+        """
+        refuse_shared_memory(self)
+        return self.__dict__.copy()
 
     def _checked(self, params: Any) -> Any:
         """The parameters, or their defaults; raises ParameterError if they are another filter's."""
@@ -116,7 +111,8 @@ class SafetyFilter(ABC):
     def reset(self, scene: Scene) -> None:
         """Forget the past: a new episode begins with ``scene``."""
         self._applied[:] = 0.0
-        robot, _ = _part(scene, "robot")
+        self._faults = 0
+        robot, _ = part_of(scene, "robot")
         try:
             self._read_state(robot)
             self._state[:] = np.nan_to_num(self._incoming)
@@ -136,7 +132,7 @@ class SafetyFilter(ABC):
                 is no newer than the last one.
         """
         if self._guard is not None:
-            self._guard.rebase(_part(scene, "robot")[0], _part(scene, "time")[0])
+            self._guard.rebase(part_of(scene, "robot")[0], part_of(scene, "time")[0])
 
     def decide(self, scene: Scene | None, nominal: Array) -> Decision:
         """The jerk to apply in this step.
@@ -158,9 +154,12 @@ class SafetyFilter(ABC):
         try:
             return self._decide(scene, nominal)
         except Exception as error:  # kernels, not the scene: those are looked at where they are read
-            _logger.exception("the control step failed; the arm brakes")
             reason = f"the control step failed: {type(error).__name__}: {error}"
-            return self._blind(scene, nominal, reason) if self._guard is None else self._brake(nominal, reason)
+            self._log(reason)
+            try:
+                return self._blind(scene, nominal, reason) if self._guard is None else self._brake(nominal, reason)
+            except Exception:  # what is left is to add nothing
+                return self._faulty(np.zeros(self.robot.n), nominal, reason)
 
     def _decide(self, scene: Scene | None, nominal: Array) -> Decision:
         guard, watch, astray = self._guard, None, ""
@@ -209,11 +208,13 @@ class SafetyFilter(ABC):
         asked = nominal.copy()  # a filter may write into what it is given; the nominal stays what was asked for
         try:
             decision = self._filter(scene, self._state, agents, nominal, inside) if room else self._cornered(nominal)
-            jerk = _sound(decision, nominal.shape)
+            decision = sound(decision, nominal.shape)
+            jerk = decision.jerk
             wrong = unfit(jerk, asked, self.lower, self.upper, decision.status == Status.NOMINAL)
         except Exception as error:  # whatever a filter runs into, the arm must go on safely
-            _logger.exception("the filter failed; the arm brakes")
-            return self._brake(nominal, f"the filter failed: {type(error).__name__}: {error}")
+            reason = f"the filter failed: {type(error).__name__}: {error}"
+            self._log(reason)
+            return self._brake(nominal, reason)
         if decision.status == Status.FAULT:
             return self._brake(nominal, decision.reason)
         if wrong:
@@ -230,15 +231,26 @@ class SafetyFilter(ABC):
             if not verdict.proposed:
                 decision = self._overruled(decision, verdict)
         self._applied[:] = decision.jerk
+        self._faults = 0 if decision.status != Status.FAULT else self._faults + 1
         return decision
+
+    def _log(self, reason: str) -> None:
+        """Where a failure came from, with its traceback: once, not in every tick in which it goes on."""
+        if reason != self._logged:
+            self._logged = reason
+            _logger.exception("%s; the arm brakes", reason)
 
     def _watch(self, guard: VerifiedStop, scene: Scene | None) -> tuple[str, Watch]:
         """What is wrong with the arm's reading, and what can be believed about the people; once a tick."""
-        robot, lost = _part(scene, "robot")
-        astray = guard.follow(robot, _part(scene, "time")[0])
-        if lost:
-            astray = f"the joint state cannot be read: {lost}"
-        return astray if scene is not None else NO_SCENE, guard.watch(scene)
+        if scene is None:
+            guard.follow(None, None)
+            return NO_SCENE, guard.watch(None)
+        try:
+            robot, time, lost = scene.robot, scene.time, ""
+        except Exception:  # whatever a perception system throws, the arm must go on safely
+            (robot, lost), (time, _) = part_of(scene, "robot"), part_of(scene, "time")
+        astray = guard.follow(robot, time)
+        return f"the joint state cannot be read: {lost}" if lost else astray, guard.watch(scene)
 
     def _representable(self, jerk: Array) -> Array:
         jerk = jerk.copy()
@@ -352,6 +364,14 @@ class SafetyFilter(ABC):
             self._state[:] = guard.expected
             jerk = guard.stop()
         # a state beyond all bounds can overflow; then at least nothing is added
-        jerk = np.where(np.isfinite(jerk), jerk, 0.0)
+        return self._faulty(np.where(np.isfinite(jerk), jerk, 0.0), nominal, reason)
+
+    def _faulty(self, jerk: Array, nominal: Array, reason: str) -> Decision:
         self._applied[:] = jerk
+        self._faults += 1
+        if self._faults == _LONG and not self._told:
+            self._told = True
+            _logger.warning(
+                "Every decision of the last %d control steps was a FAULT (%s): the arm does not move.", _LONG, reason
+            )
         return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -85,7 +86,6 @@ REASONS: Mapping[int, str] = {
     428: "the control step failed",
     431: "the joint state is frozen",
     432: "the joint state lags by",
-    433: "the joint state is where the last jerk led again",
     434: "the arm moves in the first reading",
     435: "the clock cannot be read",
     436: "the time is",
@@ -115,10 +115,12 @@ _PATTERNS = {
 
 def reason_code(decision: Decision) -> int:
     """The reason of a decision as a number, for those who cannot do with text: 0 for NOMINAL, else see `REASONS`."""
-    status, reason = int(decision.status), decision.reason
-    if status == Status.NOMINAL:
-        return 0
-    for code, pattern in _PATTERNS.get(decision.status, ()):
+    return 0 if decision.status == Status.NOMINAL else _code(decision.status, decision.reason)
+
+
+@lru_cache(maxsize=256)  # what is wrong tends to stay wrong
+def _code(status: Status, reason: str) -> int:
+    for code, pattern in _PATTERNS.get(status, ()):
         if pattern.match(reason):
             return code
-    return 100 * status
+    return 100 * int(status)

@@ -1,5 +1,6 @@
 """Wrappers that put a filter between a policy and an environment."""
 
+import copy
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -15,7 +16,6 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.shields.copying import own_copy
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.reasons import reason_code
@@ -87,7 +87,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
             raise InterfaceError(f"the action space has shape {shape}, the robot {robot.n} joints")
         if not (np.all(env.action_space.low == -1.0) and np.all(env.action_space.high == 1.0)):  # ty: ignore[missing-attribute]
             raise InterfaceError("the action space has to be [-1, 1]: fractions of the jerk bounds")
-        self.filter = own_copy(filter)
+        self.filter = copy.deepcopy(filter)
         self.last_decision: Decision | None = None
         self._jerk_bound = np.array(robot.limits.jerk)
         self._n = robot.n

@@ -1,0 +1,47 @@
+"""What scenes and filters of others deliver, taken so that nothing that comes after can fail for it."""
+
+from typing import Any
+
+import numpy as np
+
+from jssa_gym.types import Decision, Status
+
+
+def part_of(scene: Any, name: str) -> tuple[Any, str]:
+    """A part of a scene, or None and why it cannot be had: whatever a perception system throws, the arm goes on."""
+    try:
+        return getattr(scene, name), ""
+    except Exception as error:
+        return None, str(error)
+
+
+def sound(decision: Decision, shape: tuple[int, ...]) -> Decision:
+    """A filter's answer, its numbers as Python's.
+
+    Raises:
+        AttributeError, TypeError, ValueError: It is no decision, its jerk no float64 array of that shape, or another
+            field not what it should be.
+    """
+    jerk = decision.jerk
+    if jerk.shape != shape or jerk.dtype != np.float64:
+        raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
+    if not isinstance(decision, Decision):
+        raise TypeError(f"the answer is {type(decision).__name__}, no Decision")
+    if (
+        type(decision.phi) is type(decision.distance) is type(decision.slack) is float
+        and type(decision.status) is Status
+        and type(decision.reason) is str
+        and type(decision.pair) is tuple
+        and len(decision.pair) == 2
+        and type(decision.pair[0]) is type(decision.pair[1]) is int
+    ):
+        return decision
+    row, column = decision.pair
+    return decision._replace(
+        status=Status(decision.status),
+        reason=str(decision.reason),
+        phi=float(decision.phi),
+        distance=float(decision.distance),
+        pair=(int(row), int(column)),
+        slack=float(decision.slack),
+    )
