@@ -138,7 +138,9 @@ MUTANTS = [
         "            return",
     ),
     _monitor("relapses are forgotten", "AGREEMENTS << min(max(self._lapses - 1, 0), 20)", "AGREEMENTS"),
-    _monitor("a clock that stands still is believed", "if now == self._time:", "if False:"),
+    _monitor(
+        "a clock that stands still is believed", "if not (last < now < math.inf", "if not (last <= now < math.inf"
+    ),
     _monitor("a lag of the clock is forgotten", "if self._offset < self._due:", "if False:"),
     _monitor("masked joints are read", "if isinstance(values, np.ma.MaskedArray):", "if False:"),
     _monitor("single precision is read", "values.dtype.itemsize < 8", "values.dtype.itemsize < 0"),
@@ -206,7 +208,12 @@ MUTANTS = [
         "            self._tick += 2\n        else:",
         PROMISES,
     ),
-    _guard("expectation not kept", "self.expected[:] = self._after\n", "pass\n", PROMISES),
+    _guard(
+        "expectation not kept",
+        "self._joints.expected, self._after = self._after, self._joints.expected\n",
+        "pass\n",
+        PROMISES,
+    ),
     _guard("a deviation is ignored", "wrong = joints.judge(reading)", 'wrong = joints.judge(reading) and ""', FAULTS),
     _guard("nobody is told", "if wrong and joints.persistent and not self._told:", "if False:", FAULTS),
     _guard(

@@ -805,6 +805,25 @@ def test_missing_scenes_take_time_for_people_too(robot, make_scene):
     assert guard.watch(scene).age == pytest.approx([4 * DT])
 
 
+@pytest.mark.parametrize("hang", ["stands still", "goes back", "lags"])
+def test_people_of_another_tick_are_not_those_of_now(robot, make_scene, hang):
+    """A whole scene that hangs says that its people are fresh; they go on, and are believed where they are then."""
+    from test_failsafe import ball
+
+    own = Own(robot, make_scene, exact)
+    people, scenes = [], []
+    for k in range(40):
+        x = 2.0 - 1.5 * DT * k  # walks, but is not said to
+        scenes.append(make_scene(own.state, ball([x, 0.0, 1.2]), time=k * DT))
+        hangs = 10 <= k < 25
+        shown = {"stands still": 9, "goes back": 5, "lags": k - 4}[hang] if hangs else k
+        own.filter.decide(scenes[shown], np.zeros(6))
+        watch = own.filter._guard._monitor
+        people.append(watch._tracks["stamp"][0])
+        assert people[-1] == pytest.approx(9 * DT if hangs else k * DT, abs=1e-9)
+    assert own.filter.decide(make_scene(own.state, ball([x, 0.0, 1.2]), time=40 * DT), np.zeros(6)).status == 0
+
+
 def test_a_stop_that_did_not_end_in_rest_is_seen(robot, make_scene):
     """Nobody verifies where an arm begins in motion: a stop of it that is wrong is followed by another."""
     own = Own(robot, make_scene, exact)

@@ -22,7 +22,7 @@ GIVES = ("_failed", "_brake", "_fault", "_blind", "_decided", "_replace", "_Unso
 
 MONITORS = ("monitor", "joints")
 
-RETURNS = ("_describe", "follow", "of_clipping", "_take", "_date", "_lagging")
+RETURNS = ("_describe", "follow", "of_clipping", "_take", "_date", "_undated", "_lagging")
 """Functions that return one."""
 
 

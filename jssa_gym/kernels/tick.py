@@ -7,7 +7,7 @@ from jssa_gym.kernels.chain import tool_motion
 from jssa_gym.kernels.contact import observe, unsound
 from jssa_gym.kernels.index import advance, assess, exact_rows, index_of
 from jssa_gym.kernels.jit import jit
-from jssa_gym.kernels.motion import integrate, violates
+from jssa_gym.kernels.motion import integrate, representable, violates
 from jssa_gym.kernels.projection import clip, violation
 from jssa_gym.kernels.viability import jerk_box
 
@@ -234,8 +234,12 @@ def rows_ahead(
 
 
 @jit
-def unfit(jerk, nominal, lower, upper, forwarded):
-    """What is wrong with a filter's answer: 0 nothing, 1 not finite, 2 outside the box, 3 not the nominal it claims."""
+def unfit(jerk, nominal, lower, upper, forwarded, bound, out):
+    """What is wrong with a filter's answer: 0 nothing, 1 not finite, 2 outside the box, 3 not the nominal it claims.
+
+    What is to be applied goes into ``out`` (n,): the answer, :func:`~jssa_gym.kernels.motion.representable` unless it
+    is the nominal.
+    """
     for k in range(jerk.shape[0]):
         u = jerk[k]
         if not np.isfinite(u):
@@ -244,4 +248,5 @@ def unfit(jerk, nominal, lower, upper, forwarded):
             return 2
         if forwarded and u != nominal[k]:
             return 3
+        out[k] = u if forwarded else representable(u, bound[k])
     return 0

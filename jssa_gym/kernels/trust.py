@@ -114,9 +114,10 @@ def trust(time, ends, radius, age, valid, person, error, max_age, tracks, out, o
         out_age: Result, shape (m,) [s]; inf for what never was.
 
     Returns:
-        The capsule that is worst off (-1 if all are good), what became of its sample, and how it is covered.
+        The capsule that is worst off (-1 if all are good), what became of its sample, how it is covered; and whether
+        all trusted samples are of this very moment.
     """
-    worst, worst_verdict, worst_cover = -1, GOOD, COVERED
+    worst, worst_verdict, worst_cover, fresh = -1, GOOD, COVERED, True
     for j in range(tracks.shape[0]):
         track = tracks[j]
         verdict = _judge(time, ends, j, radius[j], age[j], valid[j], person[j], error, track)
@@ -125,6 +126,7 @@ def trust(time, ends, radius, age, valid, person, error, max_age, tracks, out, o
                 out[row, j, k] = track["trusted"][row, k]
         out_radius[j] = track["radius"]
         out_age[j] = time - track["stamp"]
+        fresh = fresh and out_age[j] == 0.0
         cover = COVERED
         if verdict >= PERSON:
             cover = BROKEN
@@ -134,4 +136,4 @@ def trust(time, ends, radius, age, valid, person, error, max_age, tracks, out, o
             cover = LOST
         if cover > worst_cover or (cover == worst_cover and verdict > worst_verdict):
             worst, worst_verdict, worst_cover = j, verdict, cover
-    return worst, worst_verdict, worst_cover
+    return worst, worst_verdict, worst_cover, fresh

@@ -27,6 +27,8 @@ def taken_action(action: Any, n: int) -> NDArray[Any]:
     Raises:
         InvalidActionError: See :func:`checked_action`.
     """
+    if type(action) is np.ndarray and action.shape == (n,) and action.dtype.char in "fd":
+        return action.copy()
     if isinstance(action, np.ma.MaskedArray):
         raise InvalidActionError(f"an action is an array of {n} real numbers, got a masked one")
     try:

@@ -82,7 +82,7 @@ class JointMonitor:
         """Where the arm is, as far as the applied jerks tell, shape (3, n)."""
         self._exact = bool(np.any(tolerance == 0.0))
         self._reading, self._last, self._anchor = (np.zeros((3, n)) for _ in range(3))
-        self._past, self._offsets = np.zeros((_REMEMBERED, 3, n)), np.zeros(_REMEMBERED)
+        self._past = np.zeros((_REMEMBERED, 3, n))
         self.reset(None)
 
     def reset(self, robot: Any) -> None:
@@ -104,7 +104,9 @@ class JointMonitor:
         # ticks by which the clock is ahead of the control steps: now, when a reading was right for the last time, what
         # a lag asks it to reach; and lately
         self._offset, self._settled, self._due = 0.0, 0.0, -math.inf
-        self._offsets[:] = -math.inf
+        self._offsets = [-math.inf] * _REMEMBERED
+        self.late = 0
+        """Ticks without a decision that have passed, by the clock, since a reading was right for the last time."""
 
     def _begin(self) -> None:
         """Take the arm to be where the reading says: at rest, unless that is exact and says otherwise."""
@@ -135,11 +137,6 @@ class JointMonitor:
             if not self.begun:
                 return MOVING
         return reason
-
-    @property
-    def late(self) -> int:
-        """Ticks without a decision that have passed, by the clock, since a reading was right for the last time."""
-        return max(round(self._offset - self._settled), 0)
 
     def _take(self, robot: Any) -> str:
         """Into ``self._reading``; why that is impossible, or nothing."""
@@ -175,20 +172,25 @@ class JointMonitor:
             now = float(time)
         except Exception as error:  # whatever a clock delivers, the arm must go on safely
             return f"the clock cannot be read: {error}"
+        last = self._time
+        # the very first reading has none before it
+        if not (last < now < math.inf or (math.isnan(last) and math.isfinite(now))):
+            return self._undated(now)
+        passed = min((now - last) / self.dt, 1e7) if last < now else 1.0  # no more than a day of ticks at once
+        self._offset += passed - self._ticks
+        self._time, self._ticks = now, 0
+        ahead = self._offset - self._settled
+        self.late = round(ahead) if ahead > 0.5 else 0
+        return ""
+
+    def _undated(self, now: float) -> str:
         if not math.isfinite(now):
             return f"the time is {now}"
-        # only the very first reading has none before it
-        if now <= self._time:
-            # what is of an earlier tick is so until the clock has caught up: an arm at rest looks the same all along
-            self._due = max(self._due, self._offsets.max() - 0.5)
+        # what is of an earlier tick is so until the clock has caught up: an arm at rest looks the same all along
+        self._due = max(self._due, max(self._offsets) - 0.5)
         if now < self._time:
             return f"the clock went back from {self._time:g} s to {now:g} s"
-        if now == self._time:
-            return f"the clock stands still at {now:g} s: the joint state is not of this tick"
-        passed = 1.0 if math.isnan(self._time) else (now - self._time) / self.dt
-        self._offset += min(passed, 1e7) - self._ticks  # no more than a day of ticks at once
-        self._time, self._ticks = now, 0
-        return ""
+        return f"the clock stands still at {now:g} s: the joint state is not of this tick"
 
     def agrees(self, state: Array, expected: Array) -> bool:
         """Whether a reading (3, n) is within the tolerance of an expected state (3, n)."""
@@ -211,8 +213,8 @@ class JointMonitor:
             self.bounds,
             self.tolerance,
         )
-        self._newest = (self._newest + 1) % _REMEMBERED
-        self._offsets[self._newest] = self._offset
+        self._newest = newest = (self._newest + 1) % _REMEMBERED
+        self._offsets[newest] = self._offset
         if code == MISSING:  # nothing false was said, and nothing right
             return form or NOT_FINITE
         if code != AGREES:
@@ -227,7 +229,7 @@ class JointMonitor:
             return self._clock
         if self._offset < self._due:
             return self._lagging(math.ceil(self._due - self._offset))
-        self._due, self._settled = -math.inf, self._offset
+        self._due, self._settled, self.late = -math.inf, self._offset, 0
         if self._owed:
             self._owed -= 1
             if self._owed:
@@ -238,13 +240,18 @@ class JointMonitor:
         return ""
 
     @property
+    def timely(self) -> bool:
+        """Whether this tick's scene is of this tick, as far as its clock tells."""
+        return not self._clock and self._offset >= self._due
+
+    @property
     def persistent(self) -> bool:
         """Whether readings are wrong for so long, or so often, that it is no accident."""
         return self._wrong >= _PERSISTENT or self._lapses >= _RELAPSES
 
     def _lagging(self, ticks: int) -> str:
         # where the clock shows the same lag, it has to catch up too: an arm at rest looks the same at all times
-        if self._offset <= self._offsets.max() - ticks + 0.5:
+        if self._offset <= max(self._offsets) - ticks + 0.5:
             self._due = max(self._due, self._offset + ticks - 0.5)
         return f"the joint state lags by {ticks} tick{'s' if ticks > 1 else ''}"
 

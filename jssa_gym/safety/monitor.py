@@ -39,13 +39,19 @@ class Watch(NamedTuple):
     reason: str
     """What is wrong with the capsule that is worst off, fault or not; empty if all are fresh and plausible."""
 
+    fresh: bool = False
+    """Whether all were measured at this very moment."""
+
     def present(self) -> CapsuleSet:
         """People moved on at their measured velocities from when they were measured: what rows are about."""
-        if not self.age.any():
+        if self.fresh:
             return self.human
         human, late = self.human, self.age[:, None]
         start, end = human.start + late * human.start_velocity, human.end + late * human.end_velocity
         return human._replace(start=start, end=end)
+
+
+_ARRAYS, _FLOATS = {np.ndarray}, {np.dtype(np.float64)}
 
 
 def _unlike(human: Any, age: Any, valid: Any) -> str:
@@ -132,7 +138,7 @@ class HumanMonitor:
                 raise ValueError(f"the time went back from {self._time:g} s to {time:g} s")
             self._read(human, age, valid)
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
-            return self._blind(scene_time, f"the people cannot be read: {_unlike(human, age, valid) or error}")
+            return self.miss(scene_time, f"the people cannot be read: {_unlike(human, age, valid) or error}")
         self._time = time
         return self._judged(time, "")
 
@@ -159,18 +165,17 @@ class HumanMonitor:
             raise ValueError(f"{shape[0]} capsules instead of {len(self._people.radius)}")
         elif self._people.names != tuple(names):
             raise ValueError("the capsules have other names than before")
-        if not (
-            type(human.start) is type(human.end) is type(human.start_velocity) is type(human.end_velocity) is np.ndarray
-            and type(human.radius) is type(human.person) is type(age) is type(valid) is np.ndarray
-        ) and (wrong := _unlike(human, age, valid)):
+        kinds = {*map(type, human[:5]), type(human.person), type(age), type(valid)}
+        if kinds != _ARRAYS and (wrong := _unlike(human, age, valid)):
             raise ValueError(wrong)
         # into arrays of one's own: of the type that the kernel is compiled for, whatever comes
-        np.copyto(self._ends[0], human.start)
-        np.copyto(self._ends[1], human.end)
-        np.copyto(self._ends[2], human.start_velocity)
-        np.copyto(self._ends[3], human.end_velocity)
-        np.copyto(self._radius, human.radius)
-        np.copyto(self._age, age)
+        ends, floats = self._ends, (*human[:5], age)
+        if {array.dtype for array in floats} == _FLOATS:
+            ends[0], ends[1], ends[2], ends[3] = human[:4]
+            self._radius[:], self._age[:] = human.radius, age
+        else:  # slower, but raises for what is no number
+            for mine, theirs in zip((*ends, self._radius, self._age), floats, strict=True):
+                np.copyto(mine, theirs)
         np.copyto(self._valid, valid)
         np.copyto(self._person, human.person)
         if not self._begun:
@@ -190,7 +195,7 @@ class HumanMonitor:
         if m:
             self._tracks["speed"] = self.speed
 
-    def _blind(self, scene_time: Any, reason: str) -> Watch:
+    def miss(self, scene_time: Any, reason: str) -> Watch:
         """A tick in which nothing can be read: all that is trusted ages."""
         try:
             time = float(scene_time)
@@ -205,7 +210,7 @@ class HumanMonitor:
     def _judged(self, time: float, blind: str) -> Watch:
         m = len(self._radius)
         out, radius, age = np.empty((4, m, 3)), np.empty(m), np.empty(m)
-        worst, verdict, cover = trust(
+        worst, verdict, cover, fresh = trust(
             time,
             self._ends,
             self._radius,
@@ -222,12 +227,12 @@ class HumanMonitor:
         people = self._people
         human = CapsuleSet(out[0], out[1], out[2], out[3], radius, people.names, people.person)
         if blind:
-            return Watch(human, age, True, blind)
+            return Watch(human, age, True, blind, fresh)
         if worst < 0:
-            return Watch(human, age, False, "")
+            return Watch(human, age, False, "", fresh)
         reason = f"{people.names[worst]} of person {people.person[worst]}: {_VERDICTS[verdict]}"
         if cover == LOST:
             reason += f", nothing to trust for {age[worst]:.3g} s"
         elif cover == NEVER:
             reason += ", nothing to trust yet"
-        return Watch(human, age, cover != COVERED, reason)
+        return Watch(human, age, cover != COVERED, reason, fresh)

@@ -127,7 +127,7 @@ class VerifiedStop:
         self._verified = self._joints.begun and at_rest(state) and not violates(state, still, self._bounds, _ROUNDING)
 
     def watch(self, scene: Scene | None) -> Watch:
-        """What can be believed about the people; never raises. Has to be asked once a tick."""
+        """What can be believed about the people; never raises. Has to be asked once a tick, after :meth:`follow`."""
         try:
             if scene is None:
                 raise ValueError("there is no scene")
@@ -137,7 +137,11 @@ class VerifiedStop:
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
             self._clock.miss()
             return Watch(nobody(), np.zeros(0), True, f"the people cannot be read: {error}")
-        return self._monitor.update(self._clock.read(time), human, age, valid)
+        now = self._clock.read(time)
+        if not self._joints.timely:
+            # joints that rest look the same at all times, but people go on: those of another tick are not those of now
+            return self._monitor.miss(now, "the people are of another tick")
+        return self._monitor.update(now, human, age, valid)
 
     def _monitor_of(self, names: tuple[str, ...]) -> HumanMonitor:
         params = self.params
@@ -158,7 +162,7 @@ class VerifiedStop:
         if not begun or (self._tick and self._tick >= stop_length(self._stored) and not at_rest(self.expected)):
             # there is a first reading, or a stop that nobody verified did not end in rest
             self._replan()
-        leapt = not form and joints.late > 0 and not self._catch_up(joints.seen, joints.late)
+        leapt = joints.late > 0 and not form and not self._catch_up(joints.seen, joints.late)
         wrong = joints.judge(form)
         if wrong and joints.persistent and not self._told:
             self._told = True
@@ -253,7 +257,9 @@ class VerifiedStop:
                 wanted if those joints have to go on with that.
         """
         people = watch.human
-        self._agents, params, n = records_for(people, self._agents), self.params, self.robot.n
+        params, n = self.params, self.robot.n
+        if len(self._agents) != len(people.radius):
+            self._agents = records(len(people.radius), AGENT)
         jerk, halt, reach = np.empty(n), np.empty(n), np.empty(len(self._agents))
         load_people(
             people.start,
@@ -282,7 +288,7 @@ class VerifiedStop:
         else:
             self._stored, self._next = self._next, self._stored
             self._tick, self._verified = 0, True
-        self.expected[:] = self._after
+        self._joints.expected, self._after = self._after, self._joints.expected
         return Verdict(jerk, proposed, reason, self._verified)
 
     def _choose(self, state: Array, wanted: Array, reach: Array, jerk: Array) -> tuple[int, int, int, int, float]:

@@ -175,14 +175,16 @@ class SafetyFilter(ABC):
             if guard is None or watch is None:
                 self._read_state(scene.robot)
                 human, valid = plain_capsules(scene.human), plain(scene.valid)
-            else:
+                self._agents = records_for(human, self._agents)
+                if valid.shape != human.radius.shape or valid.dtype != np.bool_:
+                    raise ValueError(f"valid has shape {valid.shape} for {len(human.radius)} capsules")
+            else:  # what is believed is sound
                 self._incoming[:] = guard.expected
-                human, valid = watch.present(), self._valid
-                if len(valid) != len(watch.age):
-                    self._valid = valid = np.ones(len(watch.age), np.bool_)
-            self._agents = agents = records_for(human, self._agents)
-            if valid.shape != human.radius.shape or valid.dtype != np.bool_:
-                raise ValueError(f"valid has shape {valid.shape} for {len(agents)} capsules")
+                human, count = watch.present(), len(watch.age)
+                if len(self._valid) != count or len(self._agents) != count:
+                    self._valid, self._agents = np.ones(count, np.bool_), records(count, AGENT)
+                valid = self._valid
+            agents = self._agents
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
             return self._blind(scene, nominal, f"the scene does not fit: {error}")
         fault, inside, room = take_in(
@@ -209,8 +211,8 @@ class SafetyFilter(ABC):
         try:
             decision = self._filter(scene, self._state, agents, nominal, inside) if room else self._cornered(nominal)
             decision = sound(decision, nominal.shape)
-            jerk = decision.jerk
-            wrong = unfit(jerk, asked, self.lower, self.upper, decision.status == Status.NOMINAL)
+            jerk, forwarded = np.empty(len(asked)), decision.status == Status.NOMINAL
+            wrong = unfit(decision.jerk, asked, self.lower, self.upper, forwarded, self._bounds[4], jerk)
         except Exception as error:  # whatever a filter runs into, the arm must go on safely
             reason = f"the filter failed: {type(error).__name__}: {error}"
             self._log(reason)
@@ -219,9 +221,9 @@ class SafetyFilter(ABC):
             return self._brake(nominal, decision.reason)
         if wrong:
             return self._brake(nominal, UNFIT[wrong])
-        if decision.status != Status.NOMINAL:
+        if not forwarded:
             # what is verified is what an environment integrates: a share of the bound, times the bound
-            decision = decision._replace(jerk=self._representable(jerk))
+            decision = decision._replace(jerk=jerk)
         if guard is not None and watch is not None:
             if reason := guard.take_fixtures(scene):
                 return self._brake(nominal, f"the scene does not fit: {reason}")

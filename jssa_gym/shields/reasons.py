@@ -1,6 +1,5 @@
 """Reasons that decisions give, where a kernel says why by a number or several filters say the same."""
 
-import re
 from collections.abc import Mapping
 from functools import lru_cache
 
@@ -99,18 +98,26 @@ as what filters of users say.
 """
 
 
-def _pattern(beginning: str) -> re.Pattern[str]:
-    return re.compile(".*?".join(re.escape(part) for part in beginning.split("...")), re.DOTALL)
-
-
-# whole beginnings first: what follows them may quote anything
-_PATTERNS = {
+# what a reason says, in parts between names; whole beginnings first: what follows them may quote anything
+_PARTS = {
     status: sorted(
-        ((code, _pattern(text)) for code, text in REASONS.items() if code // 100 == status),
-        key=lambda kind: REASONS[kind[0]].startswith("..."),
+        ((code, text.split("...")) for code, text in REASONS.items() if code // 100 == status),
+        key=lambda kind: kind[1][0] == "",
     )
     for status in Status
 }
+
+
+def _says(reason: str, parts: list[str]) -> bool:
+    """Whether a reason begins with the first of some parts and has the others behind it, in their order."""
+    if not reason.startswith(parts[0]):
+        return False
+    at = len(parts[0])
+    for part in parts[1:]:
+        if (at := reason.find(part, at)) < 0:
+            return False
+        at += len(part)
+    return True
 
 
 def reason_code(decision: Decision) -> int:
@@ -120,7 +127,7 @@ def reason_code(decision: Decision) -> int:
 
 @lru_cache(maxsize=256)  # what is wrong tends to stay wrong
 def _code(status: Status, reason: str) -> int:
-    for code, pattern in _PATTERNS.get(status, ()):
-        if pattern.match(reason):
+    for code, parts in _PARTS[status]:
+        if _says(reason, parts):
             return code
     return 100 * int(status)
