@@ -70,7 +70,9 @@ def _filter(name, old, new, tests=FAULTS):
 PERSON = """                radii = robot["radius"] + agent["radius"]
                 gap, _, _ = capsule_pair(robot["start"], robot["end"], agent["start"], agent["end"], radii)"""
 STATIC = """                radii = robot["radius"] + static["radius"]"""
-FAILED = """            return self._brake(nominal, f"the filter failed: {type(error).__name__}: {error}")"""
+FAILED = """            reason = f"the filter failed: {type(error).__name__}: {error}"
+            self._log(reason)
+            return self._brake(nominal, reason)"""
 ROW = """        row[j] = -slope"""
 
 MUTANTS = [
@@ -113,8 +115,8 @@ MUTANTS = [
     ),
     _kernel(
         "NaN half-space passes",
-        "sound = sound and abs(length2 - 1.0) < 1e-6 and np.isfinite(offset[j])",
-        "sound = sound and not abs(length2 - 1.0) >= 1e-6",
+        "if not (abs(length2 - 1.0) < 1e-6 and np.isfinite(offset[j])):",
+        "if abs(length2 - 1.0) >= 1e-6:",
         NUMBERS,
     ),
     _joints(
@@ -134,19 +136,19 @@ MUTANTS = [
     ),
     _monitor(
         "a wrong reading is forgotten at once",
-        "            self._missing = self._asked\n            return",
-        "            return",
+        "self._owed = AGREEMENTS << min(self._lapses - 1, _DOUBLINGS)",
+        "self._owed = 0",
     ),
-    _monitor("relapses are forgotten", "AGREEMENTS << min(max(self._lapses - 1, 0), 20)", "AGREEMENTS"),
+    _monitor("relapses are forgotten", "AGREEMENTS << min(self._lapses - 1, _DOUBLINGS)", "AGREEMENTS"),
     _monitor(
-        "a clock that stands still is believed", "if not (last < now < math.inf", "if not (last <= now < math.inf"
+        "a clock that stands still is believed", "if not (last < now < math.inf or", "if not (last <= now < math.inf or"
     ),
     _monitor("a lag of the clock is forgotten", "if self._offset < self._due:", "if False:"),
     _monitor("masked joints are read", "if isinstance(values, np.ma.MaskedArray):", "if False:"),
-    _monitor("single precision is read", "values.dtype.itemsize < 8", "values.dtype.itemsize < 0"),
+    _monitor("single precision is read", 'kind == "f" and size < 8', "False"),
     _monitor("rebased in motion", "if not at_rest(self.expected):", "if False:"),
     _monitor("rebased to a moving arm", "if not self.agrees(self._reading, still):", "if False:"),
-    _monitor("noise is reckoned with", "if not self.agrees(self._reading, self.expected):", "if True:"),
+    _monitor("noise is reckoned with", "self.begun = self.agrees(self._reading, self.expected)", "self.begun = False"),
     _kernel(
         "one part's contact speed for everybody",
         "spin <= max(touch[k], REST)",
@@ -214,7 +216,7 @@ MUTANTS = [
         "pass\n",
         PROMISES,
     ),
-    _guard("a deviation is ignored", "wrong = joints.judge(reading)", 'wrong = joints.judge(reading) and ""', FAULTS),
+    _guard("a deviation is ignored", "wrong = joints.judge(form)", 'wrong = joints.judge(form) and ""', FAULTS),
     _guard("nobody is told", "if wrong and joints.persistent and not self._told:", "if False:", FAULTS),
     _guard(
         "a stop that did not end in rest is the last",
@@ -222,7 +224,19 @@ MUTANTS = [
         "False",
         (JOINTS, "did_not_end"),
     ),
-    _guard("fixtures may change", "if fixtures == self._fixtures:", "if True:", (JOINTS, "not_what_it_was")),
+    _kernel(
+        "fixtures may change",
+        "return _changed(start, end, radius, normal, offset, statics, planes)",
+        "return 0",
+        NUMBERS,
+    ),
+    _guard(
+        "names of fixtures may change",
+        "if not self._first and names != self._names:",
+        "if False:",
+        (JOINTS, "not_what_it_was"),
+    ),
+    _guard("people of another tick are believed", "if not self._joints.timely:", "if False:", (JOINTS, "another_tick")),
     _guard(
         "tolerance is not kept as a distance",
         "self._astray = params.displacement(robot)",
@@ -230,15 +244,17 @@ MUTANTS = [
         (JOINTS, "edge"),
     ),
     _guard(
-        "missed ticks are not counted",
-        "for passed in range(min(late, left + 1) + 1):",
-        "for passed in range(0):",
-        FAULTS,
+        "missed ticks are not counted", "for passed in range(min(late, left + 1)):", "for passed in range(0):", FAULTS
     ),
-    _guard("any stop counts as verified", "self._verified = at_rest(state)", "self._verified = True", FAULTS),
+    _guard(
+        "any stop counts as verified",
+        "self._joints.begun and at_rest(state) and not violates(state, still, self._bounds, _ROUNDING)",
+        "True",
+        (JOINTS, "first_seen_in_motion"),
+    ),
     _guard(
         "things without a name",
-        "if (len(offset), len(static.radius)) != (len(names[0]), len(names[1])):",
+        "if (len(offset), len(statics)) != (len(names[0]), len(names[1])):",
         "if False:",
         (FILTERS, "without_a_name"),
     ),
@@ -247,7 +263,7 @@ MUTANTS = [
     _kernel("lag dropped", "(age[k] + lag)", "age[k]", ASSUMPTIONS),
     _guard("tracking error dropped", "params.position_error + self._astray", "params.position_error"),
     _guard("position error dropped", "params.position_error + self._astray", "self._astray"),
-    _guard("max_age ignored", "max_age=self.params.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
+    _guard("max_age ignored", "max_age=params.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
     _guard(
         "no margin to what stands",
         "            self._astray,\n            jerk,",
@@ -286,8 +302,9 @@ MUTANTS = [
     _filter(
         "exception returns the nominal",
         FAILED,
-        FAILED.replace('self._brake(nominal, f"the', 'Decision(nominal, nominal, Status.FAULT, f"the').replace(
-            '{error}")', '{error}", 0.0, 0.0, (-1, -1), 0.0, 0)'
+        FAILED.replace(
+            "self._brake(nominal, reason)",
+            "Decision(nominal, nominal, Status.FAULT, reason, 0.0, 0.0, (-1, -1), 0.0, 0)",
         ),
     ),
     _filter("a filter's own fault is applied", "if decision.status == Status.FAULT:", "if False:"),
@@ -301,7 +318,7 @@ MUTANTS = [
     _filter("the joints' fault is ignored", "if astray or watch.fault:", "if watch.fault:"),
     _filter(
         "what is verified is not what is applied",
-        "decision = decision._replace(jerk=self._representable(jerk))",
+        "decision = decision._replace(jerk=jerk)",
         "pass",
         ("tests/test_shield.py", "to_the_bit and True"),
     ),
@@ -317,9 +334,9 @@ MUTANTS = [
     Mutant(
         "people stand still with the clock",
         "safety/clock.py",
-        "if gap < due",
-        "if False and gap < due",
-        (FILTERS, "clock_stands"),
+        "self._ahead = max(self._ahead + due - gap, 0.0)",
+        "pass",
+        (JOINTS, "missing_scenes"),
     ),
     Mutant(
         "a radius is believed at once",
