@@ -359,6 +359,23 @@ def late_start(scene, k):
     return scene._replace(human=scene.human._replace(names=("hand", "head" if k < 7 else "torso")))
 
 
+def hung(first=0, last=1000, every=1000):
+    """People who are those of an earlier tick for a while, as if measured anew."""
+
+    def change(scene, k):
+        seen = first + (k - first) // every * every if first <= k <= last else k
+        back = scene.human.start_velocity * (k - seen) * DT
+        # to the bit
+        return people(start=np.round(scene.human.start - back, 9), end=np.round(scene.human.end - back, 9))(scene, k)
+
+    return change
+
+
+def trembling(scene, k):
+    human = hung()(scene, k).human
+    return people(start=human.start + 1e-6 * (k % 2), end=human.end)(scene, k)
+
+
 ODD = np.array([0.1, 0.1])
 
 SCENES = {
@@ -421,6 +438,14 @@ SCENES = {
     "jumps": (jumped, {"speed": "from tick 29 to the next"}),
     "swells": (grown, {"speed": "from tick 29 to the next"}),
     "no velocities": (moved(velocity=0.0), {"velocities": "hand moves and has a velocity of 0"}),
+    "hanging people": (hung(), {"frozen": "hand said to move, at up to 0.5 m/s, and the same again at 80 of 80 ticks"}),
+    "people who hang for a while": (hung(30, 40), {"frozen": "at 10 of 80 ticks, first from tick 30 to the next"}),
+    "a camera that is slow and does not say so": (hung(every=5), {"frozen": "at 64 of 80 ticks"}),
+    "people who hang but for noise": (trembling, {"velocities": "is said to by [-0.5, 0.0, 0.0]"}),
+    "old measurements": (
+        lambda s, k: s._replace(age=0.25 + 0.0 * ODD),
+        {"age": "older than max_age, 0.2 s, at 81 of 81 ticks, up to 0.25 s: the shield stands still; "},
+    ),
     "reversed velocities": (
         moved(velocity=-1.0),
         {"velocities": "moves by [-0.5, 0.0, 0.0] m/s and is said to by [0.5, "},
@@ -441,6 +466,36 @@ def test_a_wrong_scene_is_told_by_name(toy_robot, what):
 def test_people_who_are_known_to_be_fast_are_no_mistake(toy_robot):
     fast = changing(moved(5.0, 5.0))(toy_robot)
     assert found(fast, params=jssa_gym.FailsafeParams(limb_speed=3.0)) == {}
+
+
+def test_people_whose_age_tells_that_they_hang_are_no_mistake(toy_robot):
+    for every in (5, 10):
+
+        def late(scene, k, every=every):
+            return hung(every=every)(scene, k)._replace(age=np.full(2, k % every * DT))
+
+        assert found(changing(late)(toy_robot)) == {}
+    # a whole second: older than max_age now and then
+    report = check_env(changing(lambda s, k: hung(every=18)(s, k)._replace(age=np.full(2, k % 18 * DT)))(toy_robot))
+    assert [(finding.name, finding.severity) for finding in report.findings] == [("age", "warning")]
+    assert "at 28 of 81 ticks, up to 0.34 s: the shield stands still meanwhile" in str(report)
+    patient = jssa_gym.FailsafeParams(max_age=0.4)
+    assert found(changing(lambda s, k: s._replace(age=0.25 + 0.0 * ODD))(toy_robot), params=patient) == {}
+
+
+def test_arm_and_people_who_hang_are_both_told(toy_robot):
+    class Still(changing(hung())):
+        def report(self):
+            return JointState(*self.start.copy())
+
+    messages = check_env(Still(toy_robot), raise_on_error=False)
+    assert ["never changes" in f.message for f in messages.findings if f.name == "frozen"] == [False, True]
+
+
+@pytest.mark.parametrize(("faults", "expected"), [("silent freeze", "frozen"), ("freeze", "age")])
+def test_a_sensor_that_freezes_is_told(faults, expected):
+    env = jssa_gym.SensorModel(gym.make("jssa_gym/Home-v0", human="walk_by"), faults)
+    assert set(found(env, ticks=400)) == {expected}
 
 
 def test_warnings_are_no_errors(toy_robot):
