@@ -268,16 +268,16 @@ def _repeated(ends: Array, told: Array) -> NDArray[np.bool_]:
 
 def _hanging(names: Sequence[str], frozen: NDArray[np.bool_], told: Array) -> Trouble:
     """Samples that came again as if they were new, shape (k, m), and what they said, shape (k, 2, m, 3) [m/s]."""
-    who = ", ".join(dict.fromkeys(name for name, again in zip(names, frozen.any(axis=0), strict=True) if again))
-    ticks = frozen.any(axis=1)
+    ticks, capsules = np.nonzero(frozen)
+    who = ", ".join(dict.fromkeys(names[j] for j in np.unique(capsules)))
     speed = np.linalg.norm(told, axis=-1).max(axis=1)[frozen].max()
     return Trouble(
         "frozen",
         "error",
         "human",
-        f"{who} said to move, at up to {speed:.3g} m/s, and the same again at {np.count_nonzero(ticks)} of "
-        f"{len(ticks)} ticks, first from tick {int(ticks.argmax())} to the next, as if measured anew: the shield takes "
-        "them as frozen; let age grow until there is a new measurement",
+        f"{who} said to move, at up to {speed:.3g} m/s, and the same again at {len(np.unique(ticks))} of {len(frozen)} "
+        f"ticks, first from tick {ticks[0]} to the next, as if measured anew: the shield takes them as frozen; let age "
+        "grow until there is a new measurement",
     )
 
 
