@@ -343,6 +343,19 @@ def test_measured_states_are_told_what_tolerance_would_do(toy_robot, sizes, tole
             assert told == np.inf if size > 1.0 else size <= told <= 5.0 * size
 
 
+def test_the_joint_that_deviates_most_is_named(toy_robot):
+    class One(Arm):
+        def report(self):
+            noise = np.random.default_rng(self.ticks).uniform(-1e-4, 1e-4)
+            return JointState(self.state[0] + [0.0, noise, 0.0], *self.state[1:])
+
+    assert " rad at B (" in found(One(toy_robot))["measured"]
+
+
+def test_what_is_far_off_is_not_said_to_be_measured(toy_robot):
+    assert set(found(noisy(0.2, 0.0, 0.0, first=False)(toy_robot))) == {"position"}
+
+
 def test_single_precision_is_not_blamed_for_noise(toy_robot):
     messages = found(noisy(1e-4, 1e-3, 0.1, kind=np.float32)(toy_robot))
     assert set(messages) == {"float32", "measured"}
@@ -359,6 +372,12 @@ def test_what_is_not_measured_is_not_said_to_be_wrong(toy_robot):
 
     assumed = jssa_gym.FailsafeParams(state_tolerance=(1e-9, np.inf, np.inf))
     assert set(found(Zeros(toy_robot), params=assumed)) == {"euler"}
+
+    class Hangs(Arm):
+        def report(self):
+            return JointState(self.start[0].copy(), np.full(3, 0.1 * self.ticks), np.full(3, np.nan))
+
+    assert set(found(Hangs(toy_robot), params=assumed)) == {"frozen"}
 
     class Off(Zeros):
         def report(self):

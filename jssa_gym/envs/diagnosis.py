@@ -222,16 +222,18 @@ class Motion:
         ]
         tolerance = np.where(self._measured.all(axis=1), sizes, np.inf)
         tolerance[1:][shares[1:] > _USELESS] = np.inf
+        # the largest of all joints is what a tolerance has to allow for, whatever share of that joint's limit it is
+        worst = np.where(noise == noise.max(axis=1, keepdims=True), noise, 0.0)
         said = [
-            f"{ROWS[row]} by up to {self._largest(np.where(np.arange(3)[:, None] == row, noise, 0.0))}"
+            f"{ROWS[row]} by up to {self._largest(np.where(np.arange(3)[:, None] == row, worst, 0.0))}"
             for row in np.flatnonzero(shares > EXACT)
         ]
         text = f"scene.robot is measured: {', '.join(said)} off where the jerks lead, without drifting off"
         if not self.tolerated:
             values = ", ".join('float("inf")' if value == np.inf else f"{value:.2g}" for value in tolerance)
             text += (
-                ". Report the commanded state, integrated exactly (Eq. 1), or allow for what was seen, doubled, by "
-                f"FailsafeParams(state_tolerance=({values}))"
+                ". Report the commanded state, integrated exactly (Eq. 1), or allow for what was seen, doubled, and "
+                f"for what grows with faster motions, by FailsafeParams(state_tolerance=({values}))"
             )
         yield Diagnosis("measured", text, np.broadcast_to(tolerance[:, None], noise.shape))
 
