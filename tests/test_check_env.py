@@ -230,6 +230,28 @@ class Differenced(Arm):
         return JointState(self.state[0], (self.state[0] - before[0]) / DT, self.state[2])
 
 
+class AllDegrees(Arm):
+    def __init__(self, robot):
+        super().__init__(robot)
+        self.start[0] /= 10.0  # within the limits either way
+
+    def report(self):
+        return JointState(*np.degrees(self.state))
+
+
+class PositionDegrees(AllDegrees):
+    def report(self):
+        return JointState(np.degrees(self.state[0]), *self.state[1:])
+
+
+class Simulated(Arm):
+    """Obeys as a drive does: a second late, and never quite."""
+
+    def take(self, action):
+        self.follows = 0.9 * (self.follows if self.ticks > 1 else 0.0 * action) + 0.1 * action
+        return self.follows
+
+
 class Measured(Arm):
     def report(self):
         noise = np.random.default_rng(self.ticks).uniform(-1e-4, 1e-4, (3, 3)) * (self.ticks > 0)
@@ -241,7 +263,7 @@ MOTION = {
     Symplectic: ("euler", "integrated by Euler"),
     SecondOrder: ("euler", "integrated by Euler"),
     Lags: ("lag", "lags by 3 ticks"),
-    ActsLate: ("lag", "applied 1 ticks late"),
+    ActsLate: ("lag", "lags by 1 tick, or actions are applied 1 tick late"),
     Stale: ("stale", "of an earlier tick at 64 of 80 ticks, up to 4 ticks old"),
     Frozen: ("frozen", "never changes"),
     Float32State: ("float32", "has to be float64, got float32"),
@@ -253,13 +275,16 @@ MOTION = {
     Flipped: ("scaled", "by a factor -1 (the sign is flipped)"),
     Clipped: ("clipped", "clipped at 0.7:"),
     Repeated: ("repeated", "applied 2 times a step"),
-    Biased: ("bias", "bias of 5e-07 of its limit"),
+    Biased: ("bias", "bias of 4e-06 rad/s² at C (5e-07 of its limit) a tick"),
     BiasedJerk: ("bias", "bias of"),
-    Drifts: ("drift", "drifts off by 5e-07 of a limit a tick"),
+    Drifts: ("drift", "drifts off by 4e-06 rad/s² at A (5e-07 of its limit) a tick"),
     NoVelocity: ("velocity", "position and acceleration are right, velocity reads 0 throughout"),
-    Degrees: ("velocity", "position and acceleration are right, velocity is 57.2958 times"),
-    Differenced: ("velocity", "position and acceleration are right, velocity is not, by up to"),
-    Measured: ("motion", "report the commanded state"),
+    Degrees: ("velocity", "position and acceleration are right, velocity is 57.2958 times what it has to be (degrees?"),
+    Differenced: ("velocity", "position and acceleration are right, velocity is not, by up to 0.0"),
+    AllDegrees: ("scaled", "scene.robot is 57.2958 times what the actions make of it: degrees? radians are expected"),
+    PositionDegrees: ("position", "position is 57.2958 times what it has to be (degrees? radians are expected)"),
+    Measured: ("measured", "Report the commanded state, integrated exactly (Eq. 1), or allow for what was seen"),
+    Simulated: ("motion", "rad/s² at C (0.2 of its limit), from tick 1 on"),
 }
 
 
@@ -273,30 +298,121 @@ def test_a_wrong_motion_is_told_by_name(toy_robot, kind):
         check_env(kind(toy_robot))
 
 
-class Tacho(Arm):
-    """Measures positions alone."""
+def noisy(position=0.0, velocity=0.0, acceleration=0.0, first=True, kind=float):
+    """An arm whose sensors have errors up to so much; inf where there are none."""
+    size = np.array([position, velocity, acceleration])[:, None]
 
-    def report(self):
-        noise = np.random.default_rng(self.ticks).uniform(-1e-4, 1e-4, 3)
-        return JointState((self.state[0] + noise).astype(np.float32), np.full(3, np.nan), np.full(3, np.nan))
+    class Noisy(Arm):
+        def report(self):
+            noise = np.random.default_rng(self.ticks).uniform(-1.0, 1.0, (3, 3)) * (first or self.ticks > 0)
+            noise = np.where(size < np.inf, np.where(size < np.inf, size, 0.0) * noise, np.nan)
+            return JointState(*(self.state + noise).astype(kind))
+
+    return Noisy
 
 
-class Noisy(Arm):
-    def report(self):
-        return JointState(*(self.state + np.random.default_rng(self.ticks).uniform(-1e-4, 1e-4, (3, 3))))
+def advised(message: str) -> jssa_gym.FailsafeParams:
+    """What a message says, as it stands."""
+    return eval(message[message.index("FailsafeParams(") :], {"FailsafeParams": jssa_gym.FailsafeParams})
+
+
+@pytest.mark.parametrize(
+    ("sizes", "tolerance", "words"),
+    [
+        ((1e-4, 0.0, 0.0), (0.0, 0.0, 0.0), ["position by up to ", " rad at "]),
+        ((0.0, 2e-3, 0.0), (0.0, 0.0, 0.0), ["velocity by up to 0.00", " rad/s at "]),
+        ((1e-4, 1e-3, 0.1), (0.0, 0.0, 0.0), ["position by", "velocity by", "acceleration by", " rad/s² at "]),
+        ((1e-4, np.inf, np.inf), (0.0, np.inf, np.inf), ["position by"]),
+        ((1e-4, 1e-3, np.inf), (1e-3, 0.0, np.inf), ["position by", "velocity by"]),
+        ((1e-4, 1e-3, 6.0), (0.0, 0.0, 0.0), ["acceleration by up to ", 'float("inf")']),
+    ],
+)
+def test_measured_states_are_told_what_tolerance_would_do(toy_robot, sizes, tolerance, words):
+    for env in (noisy(*sizes)(toy_robot), noisy(*sizes, first=False)(toy_robot)):
+        messages = found(env, params=jssa_gym.FailsafeParams(state_tolerance=tolerance))
+        assert set(messages) == {"measured"}
+        text = messages["measured"]
+        for word in words:
+            assert word in text
+        assert text.count("by up to") == sum(0.0 < size < np.inf for size in sizes)
+        # it can be pasted, and is no more than needed
+        params = advised(text)
+        report = check_env(env, params=params)
+        assert [finding.severity for finding in report.findings] == ["warning"]
+        for size, told in zip(sizes, params.state_tolerance, strict=True):
+            assert told == np.inf if size > 1.0 else size <= told <= 5.0 * size
+
+
+def test_the_joint_that_deviates_most_is_named(toy_robot):
+    class One(Arm):
+        def report(self):
+            noise = np.random.default_rng(self.ticks).uniform(-1e-4, 1e-4)
+            return JointState(self.state[0] + [0.0, noise, 0.0], *self.state[1:])
+
+    assert " rad at B (" in found(One(toy_robot))["measured"]
+
+
+def test_what_is_far_off_is_not_said_to_be_measured(toy_robot):
+    assert set(found(noisy(0.2, 0.0, 0.0, first=False)(toy_robot))) == {"position"}
+
+
+def test_single_precision_is_not_blamed_for_noise(toy_robot):
+    messages = found(noisy(1e-4, 1e-3, 0.1, kind=np.float32)(toy_robot))
+    assert set(messages) == {"float32", "measured"}
+
+
+def test_what_is_not_measured_is_not_said_to_be_wrong(toy_robot):
+    class Zeros(Arm):
+        """Integrates its positions by Euler, and has no tachometer."""
+
+        move = Symplectic.move
+
+        def report(self):
+            return JointState(self.state[0], np.zeros(3), np.zeros(3))
+
+    assumed = jssa_gym.FailsafeParams(state_tolerance=(1e-9, np.inf, np.inf))
+    assert set(found(Zeros(toy_robot), params=assumed)) == {"euler"}
+
+    class Hangs(Arm):
+        def report(self):
+            return JointState(self.start[0].copy(), np.full(3, 0.1 * self.ticks), np.full(3, np.nan))
+
+    assert set(found(Hangs(toy_robot), params=assumed)) == {"frozen"}
+
+    class Off(Zeros):
+        def report(self):
+            return JointState(self.state[0] + 1e-3 * (self.ticks > 9), np.zeros(3), np.zeros(3))
+
+    messages = found(Off(toy_robot), params=assumed)
+    assert set(messages) == {"motion"}
+    assert " rad at " in messages["motion"]
+    assert "rad/s" not in messages["motion"]
 
 
 def test_measured_states_are_no_error_within_the_tolerance(toy_robot):
-    for kind, tolerance in ((Noisy, (3e-4, 1e-3, 1e-3)), (Tacho, (3e-4, np.inf, np.inf))):
+    for kind, tolerance in (
+        (noisy(1e-4, 1e-4, 1e-4), (3e-4, 1e-3, 1e-3)),
+        (noisy(1e-4, np.inf, np.inf, kind=np.float32), (3e-4, np.inf, np.inf)),
+    ):
         report = check_env(kind(toy_robot), params=jssa_gym.FailsafeParams(state_tolerance=tolerance))
-        assert [finding.severity for finding in report.findings] == ["warning"]
+        assert [(finding.name, finding.severity) for finding in report.findings] == [("measured", "warning")]
         assert "within state_tolerance" in str(report)
+        assert "FailsafeParams(" not in str(report)
         with pytest.raises(InterfaceError):
             check_env(kind(toy_robot))
         # a tolerance forgives no more than itself
         small = jssa_gym.FailsafeParams(state_tolerance=(5e-5, *tolerance[1:]))
         with pytest.raises(InterfaceError):
             check_env(kind(toy_robot), params=small)
+
+
+@pytest.mark.parametrize(
+    "faults", ["joint glitch", "lasting joint glitch", "stale joints", "drift", "rare joint faults"]
+)
+def test_what_is_wrong_now_and_then_is_not_said_to_be_measured(faults):
+    env = jssa_gym.SensorModel(gym.make("jssa_gym/Home-v0", human="none"), faults)
+    assert "measured" not in found(env)
+    assert "measured" in found(jssa_gym.SensorModel(env.env, "noisy joints"))
 
 
 def test_wrappers_that_change_actions_are_found():
@@ -357,6 +473,23 @@ def grown(scene, k):
 
 def late_start(scene, k):
     return scene._replace(human=scene.human._replace(names=("hand", "head" if k < 7 else "torso")))
+
+
+def hung(first=0, last=1000, every=1000):
+    """People who are those of an earlier tick for a while, as if measured anew."""
+
+    def change(scene, k):
+        seen = first + (k - first) // every * every if first <= k <= last else k
+        back = scene.human.start_velocity * (k - seen) * DT
+        # to the bit
+        return people(start=np.round(scene.human.start - back, 9), end=np.round(scene.human.end - back, 9))(scene, k)
+
+    return change
+
+
+def trembling(scene, k):
+    human = hung()(scene, k).human
+    return people(start=human.start + 1e-6 * (k % 2), end=human.end)(scene, k)
 
 
 ODD = np.array([0.1, 0.1])
@@ -421,6 +554,14 @@ SCENES = {
     "jumps": (jumped, {"speed": "from tick 29 to the next"}),
     "swells": (grown, {"speed": "from tick 29 to the next"}),
     "no velocities": (moved(velocity=0.0), {"velocities": "hand moves and has a velocity of 0"}),
+    "hanging people": (hung(), {"frozen": "hand said to move, at up to 0.5 m/s, and the same again at 80 of 80 ticks"}),
+    "people who hang for a while": (hung(30, 40), {"frozen": "at 10 of 80 ticks, first from tick 30 to the next"}),
+    "a camera that is slow and does not say so": (hung(every=5), {"frozen": "at 64 of 80 ticks"}),
+    "people who hang but for noise": (trembling, {"velocities": "is said to by [-0.5, 0.0, 0.0]"}),
+    "old measurements": (
+        lambda s, k: s._replace(age=0.25 + 0.0 * ODD),
+        {"age": "older than max_age, 0.2 s, at 81 of 81 ticks, up to 0.25 s: the shield stands still; "},
+    ),
     "reversed velocities": (
         moved(velocity=-1.0),
         {"velocities": "moves by [-0.5, 0.0, 0.0] m/s and is said to by [0.5, "},
@@ -443,6 +584,36 @@ def test_people_who_are_known_to_be_fast_are_no_mistake(toy_robot):
     assert found(fast, params=jssa_gym.FailsafeParams(limb_speed=3.0)) == {}
 
 
+def test_people_whose_age_tells_that_they_hang_are_no_mistake(toy_robot):
+    for every in (5, 10):
+
+        def late(scene, k, every=every):
+            return hung(every=every)(scene, k)._replace(age=np.full(2, k % every * DT))
+
+        assert found(changing(late)(toy_robot)) == {}
+    # a whole second: older than max_age now and then
+    report = check_env(changing(lambda s, k: hung(every=18)(s, k)._replace(age=np.full(2, k % 18 * DT)))(toy_robot))
+    assert [(finding.name, finding.severity) for finding in report.findings] == [("age", "warning")]
+    assert "at 28 of 81 ticks, up to 0.34 s: the shield stands still meanwhile" in str(report)
+    patient = jssa_gym.FailsafeParams(max_age=0.4)
+    assert found(changing(lambda s, k: s._replace(age=0.25 + 0.0 * ODD))(toy_robot), params=patient) == {}
+
+
+def test_arm_and_people_who_hang_are_both_told(toy_robot):
+    class Still(changing(hung())):
+        def report(self):
+            return JointState(*self.start.copy())
+
+    messages = check_env(Still(toy_robot), raise_on_error=False)
+    assert ["never changes" in f.message for f in messages.findings if f.name == "frozen"] == [False, True]
+
+
+@pytest.mark.parametrize(("faults", "expected"), [("silent freeze", "frozen"), ("freeze", "age")])
+def test_a_sensor_that_freezes_is_told(faults, expected):
+    env = jssa_gym.SensorModel(gym.make("jssa_gym/Home-v0", human="walk_by"), faults)
+    assert set(found(env, ticks=400)) == {expected}
+
+
 def test_warnings_are_no_errors(toy_robot):
     report = check_env(changing(people(names=("hand", "tail")))(toy_robot))
     assert [finding.severity for finding in report.findings] == ["warning"]
@@ -455,10 +626,12 @@ def test_warnings_are_no_errors(toy_robot):
 def test_an_arm_in_motion_or_beyond_its_limits_is_told(toy_robot):
     env = Arm(toy_robot)
     env.start[1, 0] = 0.1
-    assert "it moves at 0.05 of a limit" in found(env)["reset"]
+    assert "it moves at 0.1 rad/s at A (0.05 of its limit)" in found(env)["reset"]
     env = Arm(toy_robot)
     env.start[0, 2] = 3.5
-    assert "inside its position limits" in found(env)["reset"]
+    low, high = toy_robot.limits.position[2]
+    text = f"inside its position limits after reset: C is at 3.5 rad, its limits are {low:.4g} to {high:.4g} rad"
+    assert text in found(env)["reset"]
 
 
 class Leftover(Arm):
@@ -473,10 +646,34 @@ class Leftover(Arm):
 
 def test_what_is_left_of_the_last_episode_is_told(toy_robot):
     messages = found(Leftover(toy_robot), ticks=10)
-    assert "after reset the second time" in messages["reset"]
-    assert "robot.position is another one at tick 0" in messages["random"].replace(
-        "robot.position", "scene.robot.position"
-    )
+    assert "after reset the second time, it moves" in messages["reset"]
+    assert "begins where the last episode ended: with the same seed" in messages["reset"]
+    assert "robot.position is another one at tick 0" in messages["random"]
+
+
+class Stays(Arm):
+    """Stops and stays where it is at the end of an episode."""
+
+    def reset(self, **arguments):
+        before = getattr(self, "state", self.start)
+        result = super().reset(**arguments)
+        self.state[0] = before[0]
+        self.past = [self.state.copy()]
+        return result
+
+
+class BeginsAnywhere(Arm):
+    def reset(self, **arguments):
+        self.start[0] += 0.01
+        return super().reset(**arguments)
+
+
+def test_an_arm_that_stays_where_the_last_episode_ended_is_told(toy_robot):
+    report = check_env(Stays(toy_robot), raise_on_error=False)
+    assert [(one.name, one.severity) for one in report.findings] == [("reset", "error"), ("random", "warning")]
+    assert "begins where the last episode ended: with the same seed" in report.errors[0].message
+    # chance is no mistake that a shield minds
+    assert set(found(BeginsAnywhere(toy_robot))) == {"random"}
 
 
 class Random(Arm):

@@ -675,6 +675,18 @@ def test_a_shield_brakes_in_missed_ticks(outside):
     assert 10 < faults < 190
 
 
+@pytest.mark.parametrize(
+    "sensor", [lambda env: SensorModel(env, "noise"), MissedTicks], ids=["SensorModel", "MissedTicks"]
+)
+def test_outside_a_shield_it_is_refused(sensor):
+    shielded = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0"))
+    for env in (shielded, gym.wrappers.TimeLimit(shielded, 10)):
+        with pytest.raises(
+            InterfaceError, match=r"has a shield already.* as in JSSAShield\((SensorModel|MissedTicks)\(env"
+        ):
+            sensor(env)
+
+
 @pytest.mark.parametrize("settings", [{"probability": 2.0}, {"longest": 0}])
 def test_bad_gaps_are_named(settings):
     with pytest.raises(ParameterError, match=next(iter(settings))):

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import gymnasium as gym
 import numpy as np
 
+from jssa_gym.envs.deviation import count, largest
 from jssa_gym.envs.diagnosis import Motion
 from jssa_gym.envs.probe import Run, difference, drive, probing_jerks
 from jssa_gym.envs.scenery import scene_troubles
@@ -80,16 +81,18 @@ def check_env(
     ====================================================  ============================================================
     ``robot``, ``dt``, ``scene``, ``action_space``,       the interface; ``shield``: there is one already
     ``shield``, ``raises``
-    ``reset``                                             the arm begins at rest, inside its limits
+    ``reset``                                             the arm begins at rest, inside its limits, and not where the
+                                                          last episode ended
     ``time``                                              advances by ``dt`` a step
     ``frozen``, ``stale``, ``lag``, ``euler``,            the motion of the arm
     ``rounded``, ``repeated``, ``scaled``, ``clipped``,
-    ``bias``, ``drift``, ``position``, ``velocity``,
-    ``acceleration``, ``float32``, ``motion``
+    ``bias``, ``drift``, ``measured``, ``position``,
+    ``velocity``, ``acceleration``, ``float32``,
+    ``motion``
     ``fields``, ``age``, ``valid``, ``radius``,           the scene; ``precision``: people in single precision
     ``planes``, ``names``, ``masked``, ``precision``,
     ``constant``, ``reread``
-    ``speed``, ``velocities``                             people: within their speed bounds, velocities as they move
+    ``speed``, ``velocities``, ``frozen``                 people: within their speed bounds, velocities as they move
     ``random``                                            the same seed and actions give the same bits
     ``short``                                             the episode ended before much could be seen
     ====================================================  ============================================================
@@ -136,15 +139,20 @@ def _findings(env: gym.Env, params: FailsafeParams, ticks: int, seed: int) -> It
             yield Finding("raises", "error", run.trouble)
     seen = [*_scenes(first, robot, float(dt), params)]
     yield from seen
+    moved, tolerance = _motion(first, robot, float(dt), params, actions)
     for number, run in enumerate((first, second)):
-        yield from _reset(run, robot, params, ("", " the second time")[number])
-    # what the types say already needs not be said of the values
-    moved = _motion(first, robot, float(dt), params, actions)
-    yield from (one for one in moved if one.name not in {s.name for s in seen})
+        yield from _reset(run, robot, tolerance, ("", " the second time")[number])
+    yield from _left_over(first, second, robot, tolerance)
+    for one in moved:
+        # what the types say already needs not be said of the values
+        if one.name != "float32" or all(other.name != "float32" for other in seen):
+            yield one
     yield from _deterministic(first, second)
     if not first.trouble and len(first.scenes) <= _FEWEST:
         yield Finding(
-            "short", "warning", f"the episode ended after {len(first.scenes) - 1} steps: too early to see much"
+            "short",
+            "warning",
+            f"the episode ended after {count(len(first.scenes) - 1, 'step')}: too early to see much",
         )
 
 
@@ -207,23 +215,46 @@ def _scenes(run: Run, robot: RobotModel, dt: float, params: FailsafeParams) -> I
             break
 
 
-def _reset(run: Run, robot: RobotModel, params: FailsafeParams, when: str) -> Iterator[Finding]:
-    states = _states(run, robot, params)
+def _reset(run: Run, robot: RobotModel, tolerance: Array, when: str) -> Iterator[Finding]:
+    states = _states(run, robot, tolerance)
     if len(states) == 0:
         return
-    limits, state, tolerance = robot.limits, states[0], params.tolerance_of(robot)
+    limits, state = robot.limits, states[0]
     bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
-    share = np.maximum(np.abs(state[1:]) - tolerance[1:], 0.0) / bounds[2:4]
-    if not np.all(share <= _ROUNDING):
-        text = f"the arm has to be at rest after reset{when}, it moves at {share.max():.2g} of a limit"
-        yield Finding("reset", "error", text)
+    scale = np.array([np.full(robot.n, np.inf), limits.velocity, limits.acceleration])
+    over = np.maximum(np.abs(state) - tolerance, 0.0) / scale
+    if not np.all(over <= _ROUNDING):
+        moves = largest(np.where(over > _ROUNDING, state, 0.0), robot, scale)
+        yield Finding("reset", "error", f"the arm has to be at rest after reset{when}, it moves at {moves}")
     if violates(np.array([state[0], 0.0 * state[0], 0.0 * state[0]]), np.zeros(robot.n), bounds, _ROUNDING):
-        yield Finding("reset", "error", f"the arm has to be inside its position limits after reset{when}: {state[0]}")
+        beyond = "; ".join(
+            f"{robot.joint_names[j]} is at {state[0, j]:.4g} rad, its limits are {low:.4g} to {high:.4g} rad"
+            for j, (low, high) in enumerate(limits.position)
+            if not low <= state[0, j] <= high
+        )
+        yield Finding("reset", "error", f"the arm has to be inside its position limits after reset{when}: {beyond}")
 
 
-def _states(run: Run, robot: RobotModel, params: FailsafeParams) -> Array:
+def _left_over(first: Run, second: Run, robot: RobotModel, tolerance: Array) -> Iterator[Finding]:
+    """Whether the second episode begins where the first one ended."""
+    one, other = (_states(run, robot, tolerance) for run in (first, second))
+    if len(one) < 2 or len(other) == 0:
+        return
+    allowed = tolerance[0] + _ROUNDING * (robot.limits.position @ [-1.0, 1.0])
+    start, end, again = one[0, 0], one[-1, 0], other[0, 0]
+    j = int(np.argmax(np.abs(again - start) - allowed))
+    if np.abs(again[j] - start[j]) > allowed[j] and np.all(np.abs(again - end) <= allowed):
+        yield Finding(
+            "reset",
+            "error",
+            f"the arm begins where the last episode ended: with the same seed {robot.joint_names[j]} is at "
+            f"{again[j]:.9g} rad after reset the second time, at {start[j]:.9g} rad the first",
+        )
+
+
+def _states(run: Run, robot: RobotModel, tolerance: Array) -> Array:
     """Joint states as long as they are some, shape (k, 3, n); 0 where they are neither finite nor measured."""
-    states, unmeasured = [], params.tolerance_of(robot) == np.inf
+    states, unmeasured = [], tolerance == np.inf
     for scene in run.scenes:
         try:
             state = np.array([np.asarray(values, np.float64) for values in scene.robot])
@@ -235,18 +266,24 @@ def _states(run: Run, robot: RobotModel, params: FailsafeParams) -> Array:
     return np.array(states)
 
 
-def _motion(run: Run, robot: RobotModel, dt: float, params: FailsafeParams, actions: Array) -> Iterator[Finding]:
-    states, tolerance = _states(run, robot, params), params.tolerance_of(robot)
+def _motion(
+    run: Run, robot: RobotModel, dt: float, params: FailsafeParams, actions: Array
+) -> tuple[list[Finding], Array]:
+    """What is wrong with the arm's motion; how far its readings may be off, or are if measured, shape (3, n)."""
+    tolerance = params.tolerance_of(robot)
+    states = _states(run, robot, tolerance)
     if len(states) < 2:
-        return
+        return [], tolerance
     motion = Motion(robot, dt, actions[: len(states) - 1], states, tolerance)
     diagnosis = motion.diagnose()
     if diagnosis is None:
-        return
+        return [], tolerance
+    if diagnosis.tolerance is not None:
+        tolerance = np.maximum(tolerance, diagnosis.tolerance)
     if motion.tolerated:
-        yield Finding(diagnosis.name, "warning", f"{diagnosis.message} (it is within state_tolerance while looked at)")
-    else:
-        yield Finding(diagnosis.name, "error", diagnosis.message)
+        text = f"{diagnosis.message} (it is within state_tolerance while looked at)"
+        return [Finding(diagnosis.name, "warning", text)], tolerance
+    return [Finding(diagnosis.name, "error", diagnosis.message)], tolerance
 
 
 def _deterministic(first: Run, second: Run) -> Iterator[Finding]:

@@ -4,9 +4,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from jssa_gym.kernels.trust import CLAIMS_MOTION, STAMP_ROUNDING
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.failsafe import _LIMB_PARTS, SLOW_PARTS, FailsafeParams
+from jssa_gym.safety.failsafe import LIMB_PARTS, SLOW_PARTS, FailsafeParams
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes, Scene
 
 _CLOCK = 1e-6
@@ -68,6 +70,7 @@ def scene_troubles(scenes: Sequence[Any], robot: RobotModel, dt: float, params: 
     yield from _clock(sound, dt)
     yield from _constant(sound)
     yield from _names(sound, params)
+    yield from _ages(sound, params)
     yield from _people(sound, params)
 
 
@@ -183,7 +186,7 @@ def _names(scenes: Sequence[Scene], params: FailsafeParams) -> Iterator[Trouble]
     if not scenes:
         return
     people = scenes[0].human
-    known = (*SLOW_PARTS, *_LIMB_PARTS)
+    known = (*SLOW_PARTS, *LIMB_PARTS)
     unknown = [name for name in dict.fromkeys(people.names) if not any(part in name.casefold() for part in known)]
     if unknown:
         text = (
@@ -204,6 +207,23 @@ def _counted(pairs: Any) -> list[tuple[str, int]]:
     return [(name, count) for (name, _), count in counts.items()]
 
 
+def _ages(scenes: Sequence[Scene], params: FailsafeParams) -> Iterator[Trouble]:
+    """Whether measurements are young enough to be used."""
+    ages = [age[np.isfinite(age)].max() for s in scenes if np.any(np.isfinite(age := s.age[s.valid]))]
+    old = np.array(ages) > params.max_age + STAMP_ROUNDING
+    if not np.any(old):
+        return
+    lasting = np.count_nonzero(old) * 2 > len(old)
+    yield Trouble(
+        "age",
+        "error" if lasting else "warning",
+        "max_age",
+        f"people's measurements are older than max_age, {params.max_age:g} s, at {np.count_nonzero(old)} of "
+        f"{len(old)} ticks, up to {max(ages):.3g} s: the shield stands still{'' if lasting else ' meanwhile'}; measure "
+        "them sooner or, if people keep their speed bounds, allow more by FailsafeParams(max_age=...)",
+    )
+
+
 def _people(scenes: Sequence[Scene], params: FailsafeParams) -> Iterator[Trouble]:
     """Whether people keep their speed bounds, and move as they say."""
     if len(scenes) < 2 or any(len(scene.human.names) != len(scenes[0].human.names) for scene in scenes):
@@ -212,12 +232,19 @@ def _people(scenes: Sequence[Scene], params: FailsafeParams) -> Iterator[Trouble
     told = np.array([[s.human.start_velocity, s.human.end_velocity] for s in scenes], np.float64)
     radius = np.array([s.human.radius for s in scenes], np.float64)
     with np.errstate(invalid="ignore"):  # of what was never measured
-        between = np.diff([np.where(s.valid, s.time - s.age, np.nan) for s in scenes], axis=0)  # (T - 1, m)
+        stamps = np.array([np.where(s.valid, s.time - s.age, np.nan) for s in scenes])  # (T, m)
+        frozen = _repeated(ends, told) & (np.diff(stamps, axis=0) > STAMP_ROUNDING)  # (T - 1, m)
+        for k, again in enumerate(frozen):
+            # the same sample again is as old as when it came first
+            stamps[k + 1, again] = stamps[k, again]
+        between = np.diff(stamps, axis=0)
         # where nothing new was measured there is nothing to compare
-        between = np.where(between > 0.0, between, np.nan)
+        between = np.where(between > STAMP_ROUNDING, between, np.nan)
         moved = np.diff(ends, axis=0) / between[:, None, :, None]
         way = np.linalg.norm(np.diff(ends, axis=0), axis=-1).max(axis=1) + np.abs(np.diff(radius, axis=0))
         speed = np.nan_to_num(np.maximum(way - _LENGTH - 2.0 * params.position_error, 0.0) / between)
+    if np.any(frozen):
+        yield _hanging(scenes[0].human.names, frozen, told[:-1])
     for j, name in enumerate(scenes[0].human.names):
         bound = params.speed_of(name)
         fast = speed[:, j] > bound * (1.0 + 1e-9)
@@ -233,10 +260,32 @@ def _people(scenes: Sequence[Scene], params: FailsafeParams) -> Iterator[Trouble
             yield from _velocity(name, moved[~fast, :, j], told[:-1][~fast, :, j], told[1:][~fast, :, j])
 
 
+def _repeated(ends: Array, told: Array) -> NDArray[np.bool_]:
+    """Whether each sample is bit for bit the one before although that one claimed to move, shape (T - 1, m)."""
+    same = [np.all(values[1:] == values[:-1], axis=(1, 3)) for values in (ends, told)]
+    return same[0] & same[1] & (np.linalg.norm(told[:-1], axis=-1).max(axis=1) > CLAIMS_MOTION)
+
+
+def _hanging(names: Sequence[str], frozen: NDArray[np.bool_], told: Array) -> Trouble:
+    """Samples that came again as if they were new, shape (k, m), and what they said, shape (k, 2, m, 3) [m/s]."""
+    ticks, capsules = np.nonzero(frozen)
+    who = ", ".join(dict.fromkeys(names[j] for j in np.unique(capsules)))
+    speed = np.linalg.norm(told, axis=-1).max(axis=1)[frozen].max()
+    return Trouble(
+        "frozen",
+        "error",
+        "human",
+        f"{who} said to move, at up to {speed:.3g} m/s, and the same again at {len(np.unique(ticks))} of {len(frozen)} "
+        f"ticks, first from tick {ticks[0]} to the next, as if measured anew: the shield takes them as frozen; let age "
+        "grow until there is a new measurement",
+    )
+
+
 def _velocity(name: str, moved: Array, before: Array, after: Array) -> Iterator[Trouble]:
     """Compare how a capsule's ends moved with their velocities before and after, shape (k, 2, 3) [m/s] each."""
     real = np.linalg.norm(moved, axis=-1)
-    moving = real > _MOVES
+    said = np.minimum(*(np.linalg.norm(told, axis=-1) for told in (before, after)))
+    moving = np.maximum(real, said) > _MOVES  # NaN, of what was not measured anew, is not
     # a velocity may be that of the step before or of the one to come, and change meanwhile
     off = np.minimum(*(np.linalg.norm(moved - told, axis=-1) for told in (before, after)))
     wrong = moving & (off > _MOVES + 0.25 * real)

@@ -54,6 +54,16 @@ def _stream(env: gym.Env, seed: int | None, rng: np.random.Generator | None, key
     return np.random.default_rng((key, abs(env.unwrapped.np_random_seed or 0) if seed is None else seed))
 
 
+def _refuse_shield(env: gym.Env, kind: type) -> None:
+    """A shield that lies further in reads the scene there, so that nothing shown out here would reach it."""
+    if env.has_wrapper_attr("last_decision") and env.has_wrapper_attr("filter"):
+        name = kind.__name__
+        raise InterfaceError(
+            f"{env} has a shield already, which would never see what {name} shows: put {name} around the "
+            f"environment, and the shield around {name}, as in JSSAShield({name}(env, ...))"
+        )
+
+
 class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Shows a shield people and arm as a perception system with faults would.
 
@@ -72,7 +82,8 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     Raises:
         ParameterError: Unknown faults; at ``reset``, ``missing`` names a body part that nobody has.
-        InterfaceError: The environment has no ``robot``, whose limits faults of the joints are shares of.
+        InterfaceError: There is a shield inside, which would see nothing of this; or the environment has no ``robot``,
+            whose limits faults of the joints are shares of.
     """
 
     def __init__(self, env: gym.Env, faults: SensorFaults | str | Mapping[str, Any]) -> None:
@@ -86,6 +97,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
             raise ParameterError(f"faults has to be SensorFaults, a name or a mapping, got {faults!r}")
         gym.utils.RecordConstructorArgs.__init__(self, faults=asdict(faults))  # JSON can hold it
         gym.Wrapper.__init__(self, env)
+        _refuse_shield(env, type(self))
         self.faults = faults
         self._joints: Proprioception | None = None
         if faults.joints:
@@ -228,6 +240,7 @@ class MissedTicks(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     Raises:
         ParameterError: A value is out of range.
+        InterfaceError: There is a shield inside, which would see nothing of this.
     """
 
     def __init__(self, env: gym.Env, probability: float = 0.05, longest: int = 15) -> None:
@@ -235,6 +248,7 @@ class MissedTicks(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self.longest = positive_integer("longest", longest)
         gym.utils.RecordConstructorArgs.__init__(self, probability=self.probability, longest=self.longest)
         gym.Wrapper.__init__(self, env)
+        _refuse_shield(env, type(self))
         self._rng: np.random.Generator | None = None
         self._gaps = Bursts(self.probability, self.longest)
 

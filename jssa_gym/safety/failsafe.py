@@ -28,8 +28,9 @@ SLOW_PARTS = (
 )
 """A body part whose name contains one of these, in any case, keeps ``human_speed``; all others may be upper limbs."""
 
-_LIMB_PARTS = ("arm", "elbow", "wrist", "hand", "palm", "fist", "finger", "thumb")
-"""... unless it contains one of these too: the wrist of a body is a wrist."""
+LIMB_PARTS = ("arm", "elbow", "wrist", "hand", "palm", "fist", "finger", "thumb")
+"""A body part whose name contains one of these, in any case, may move at ``limb_speed``, whatever else it contains: the
+wrist of a body is a wrist."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +102,7 @@ class FailsafeParams:
     def speed_of(self, part: str) -> float:
         """Speed bound of a body part [m/s]: the limbs' unless its name says that it is none."""
         name = part.casefold()
-        known = any(slow in name for slow in SLOW_PARTS) and not any(limb in name for limb in _LIMB_PARTS)
+        known = any(slow in name for slow in SLOW_PARTS) and not any(limb in name for limb in LIMB_PARTS)
         return self.human_speed if known else max(self.limb_speed, self.human_speed)
 
     def contact_speed_of(self, part: str) -> float:
