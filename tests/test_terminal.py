@@ -1,6 +1,7 @@
 """What commands print: names are shown and never obeyed, in what the stream can write; every option once."""
 
 import ast
+import functools
 import io
 import json
 import logging
@@ -13,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import picklable
 import pytest
 from rich.table import Table
 
@@ -24,6 +26,7 @@ from jssa_gym.cli.terminal import Terminal, prepared
 from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import rollout, save_trace
 from jssa_gym.evaluation.svg import Panel, escape
+from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, HoldPolicy
 from jssa_gym.shields import FILTERS
@@ -112,6 +115,23 @@ def test_errors_warnings_and_log_lines_are_shown(capsys):
         assert obedient(logging.lastResort.format(record)) == set()
     assert warnings.formatwarning is before
     assert logging.lastResort.formatter is None
+
+
+def test_workers_show_what_they_say(capfd):
+    run(picklable.saying, [HOSTILE.replace("\ud800", "")], 2, id)
+    err = capfd.readouterr().err
+    assert obedient(err) == set()
+    assert err.count(r"a\x1b[2J") == 2
+
+
+@pytest.mark.slow
+def test_environments_in_processes_show_what_they_say(capfd):
+    learner = pytest.importorskip("jssa_gym.train.learner", reason="stable_baselines3 is not installed")
+    make = functools.partial(learner._monitored, picklable.loud_environment)
+    learner._Processes([make], start_method="spawn").close()
+    err = capfd.readouterr().err
+    assert obedient(err) == set()
+    assert r"a name: \x1b[2J" in err
 
 
 def test_what_whoever_waits_for_a_thread_raises_is_told_once(monkeypatch):
