@@ -40,3 +40,13 @@ def show_messages() -> None:
     warnings.formatwarning = shown  # ty: ignore[invalid-assignment]
     if logging.lastResort is not None:
         logging.lastResort.setFormatter(_Shown())
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 episode``, ``2,000 episodes``.
+
+    Args:
+        count: How many.
+        noun: Of one; those of more end in s.
+    """
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"

@@ -158,9 +158,13 @@ def test_what_is_raised_while_a_file_is_written_leaves_nothing(tmp_path):
 
 
 def test_what_is_wrong_with_another_file_is_not_said_of_this_one(tmp_path):
-    with pytest.raises(FileNotFoundError) as error, whole_file(tmp_path / "x") as file:
-        file.write(b"half")
-        (tmp_path / "picture").read_bytes()
+    def filled():
+        with whole_file(tmp_path / "x") as file:
+            file.write(b"half")
+            (tmp_path / "picture").read_bytes()
+
+    with pytest.raises(FileNotFoundError) as error:
+        filled()
     assert not isinstance(error.value, StorageError)
     assert error.value.filename == str(tmp_path / "picture")
     assert list(tmp_path.iterdir()) == []
