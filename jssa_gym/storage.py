@@ -2,11 +2,12 @@
 
 import contextlib
 import hashlib
+import io
 import os
 import secrets
 from collections.abc import Generator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from jssa_gym.exceptions import JSSAGymError, StorageError
 
@@ -25,21 +26,34 @@ def whole_file(path: Path) -> Generator[IO[bytes]]:
         path: Name that it gets; what has it is replaced. If anything is raised, that is unchanged.
 
     Raises:
-        StorageError: It cannot be written.
+        StorageError: It cannot be written. What else goes wrong while it is filled is raised as it is.
     """
     unfinished = path.with_name(f".{secrets.token_hex(8)}.part")
     with _told(path):
         handle = os.open(unfinished, _NEW, 0o666)  # less what the umask takes away
     try:
-        with _told(path), os.fdopen(handle, "w+b") as file:
+        with io.BufferedRandom(_File(handle, path)) as file:
             yield file
             file.flush()
-            # the name must not reach the disk before the content
-            os.fsync(file.fileno())
+            with _told(path):
+                # the name must not reach the disk before the content
+                os.fsync(file.fileno())
         with _told(path):
             unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+class _File(io.FileIO):
+    """Says that it cannot be written, whoever writes to it; other errors of theirs are not its own."""
+
+    def __init__(self, handle: int, path: Path) -> None:
+        super().__init__(handle, "w+b")
+        self._path = path
+
+    def write(self, content: Any) -> int:
+        with _told(self._path):
+            return super().write(content)
 
 
 def write_whole(path: Path, content: bytes | str) -> None:

@@ -1,5 +1,12 @@
 """Text that others made, such as names in files: shown as it is read, never obeyed."""
 
+import logging
+import warnings
+from typing import Any
+
+_MARKS = "\n\t"
+"""What texts of several lines, such as tracebacks, are laid out with."""
+
 
 def printable(text: str, keep: str = "") -> str:
     r"""A text in which all is seen: what steers a terminal, turns the direction of writing or shows nothing is escaped.
@@ -14,3 +21,32 @@ def printable(text: str, keep: str = "") -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode() for c in text)
+
+
+class _Shown(logging.Formatter):
+    """Log lines in which all is seen."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record), keep=_MARKS)
+
+
+def show_messages() -> None:
+    """From now on all is seen in this process's warnings, and in log lines that no handler of a user's own takes."""
+    formatwarning = warnings.formatwarning
+
+    def shown(*arguments: Any, **options: Any) -> str:
+        return printable(formatwarning(*arguments, **options), keep=_MARKS)
+
+    warnings.formatwarning = shown  # ty: ignore[invalid-assignment]
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(_Shown())
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 episode``, ``2,000 episodes``.
+
+    Args:
+        count: How many.
+        noun: Of one; those of more end in s.
+    """
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"

@@ -76,7 +76,9 @@ def known_name(name: str, value: Any, valid: Any) -> str:
         ParameterError: It is not; the message lists them.
     """
     if not isinstance(value, str) or value not in valid:
-        raise ParameterError(f"unknown {name} {value!r}; valid: {', '.join(valid)}")
+        begun = [one for one in valid if isinstance(value, str) and value and one.startswith(f"{value} ")]
+        hint = f"; names with spaces need quotes: '{begun[0]}'" if begun else ""
+        raise ParameterError(f"unknown {name} {value!r}; valid: {', '.join(valid)}{hint}")
     return value
 
 

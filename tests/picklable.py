@@ -1,10 +1,13 @@
 """Environments, filters and policies of a user's own, importable by other processes."""
 
+import logging
 import os
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 
@@ -150,3 +153,36 @@ class Sluggish(SafetyFilter):
         self.followed = 0.9 * self.followed + 0.1 * self._clipped
         jerk = np.clip(self.followed, self.lower, self.upper)
         return Decision(jerk, nominal, Status.PROJECTED, "late", scene.time, np.nan, (-1, -1), 0.0, 0)
+
+
+def saying(text: str) -> Iterator[str]:
+    """Work that warns and logs."""
+    warnings.warn(text, UserWarning, stacklevel=1)
+    logging.getLogger("jssa_gym").warning("%s", text)
+    yield text
+
+
+def loud_environment() -> ArmEnv:
+    """An environment that logs something hostile as it is made."""
+    logging.getLogger("jssa_gym").warning("a name: %s", "\x1b[2J")
+    return ArmEnv("reach", human="none")
+
+
+def relay(chunk: tuple[str, Path]) -> Iterator[str | int]:
+    """Two pieces of work: the first ends when the second has begun, which goes on when it is told to, for ever."""
+    name, folder = chunk
+    if name == "first":
+        wait_for(folder / "begun")
+        yield name
+        return
+    (folder / "begun").touch()
+    wait_for(folder / "go")
+    yield from range(3)
+    (folder / "sent").touch()
+    time.sleep(600.0)
+
+
+def wait_for(path: Path) -> None:
+    """Until another process has made a file."""
+    while not path.exists():
+        time.sleep(0.01)

@@ -469,7 +469,7 @@ def test_a_broken_promise_is_exit_code_1_and_an_interrupt_130(tmp_path, monkeypa
     command = replace(command, out=tmp_path / "a")
     command.run()
     told = capsys.readouterr()
-    assert "1 episodes" in told.out
+    assert "1 episode of" in told.out
     assert f"wrote episodes.csv to {tmp_path / 'a'}" in told.err
     table = tmp_path / "a" / "episodes.csv"
     header, row = table.read_text().splitlines()

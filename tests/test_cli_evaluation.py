@@ -45,8 +45,10 @@ def test_evaluate_prints_writes_and_continues(tmp_path, capsys):
     command.run()
     assert (tmp_path / "episodes.csv").read_bytes() == before
     assert json.loads(capsys.readouterr().out) == told == json.loads((tmp_path / "summary.json").read_text())[0]
-    with pytest.raises(ParameterError, match="another campaign"):
+    with pytest.raises(ParameterError, match=r"another campaign \(other filters\)"):
         Evaluate(filter="jssa", human="pursuit", episodes=2, seconds=0.4, out=tmp_path).run()
+    with pytest.raises(ParameterError, match=r"\(other episodes: 2 there, 3 asked for\)"):
+        Evaluate(filter="none", human="pursuit", episodes=3, seconds=0.4, out=tmp_path).run()
 
 
 def test_evaluate_prints_a_table(tmp_path, capsys):

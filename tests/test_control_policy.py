@@ -134,7 +134,7 @@ def test_it_serves_any_environment_with_robot_dt_and_scene(robot):
             return np.zeros(1, np.float32), {}
 
         def step(self, action):
-            _, reward, *_, info = self._inner.step(np.asarray(action, np.float32))
+            _, reward, *_, info = self._inner.step(action)  # as it is: single precision leads elsewhere
             return np.zeros(1, np.float32), reward, False, False, info
 
     env = jssa_gym.JSSAShield(Bare())

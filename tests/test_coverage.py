@@ -50,8 +50,8 @@ def test_links_that_are_drawn_and_not_measured_are_refused_all_at_once(tmp_path,
     with pytest.raises(RobotModelError) as error:
         read(tmp_path, arm_xml(TUBE + beams[0], *beams[1:]))
     message = str(error.value)
-    # from the capsule's end to the corner (0.3, 0.03, 0.03) of the fore, and of the hand 0.3 m farther
-    fore, hand = (1e3 * (np.linalg.norm([x, 0.03, 0.03]) - 0.05) for x in (0.3, 0.6))
+    # from the capsule's end to the corner (0.3, 0.03, 0.03) of the fore; of the hand it can be turned straight away
+    fore, hand = (1e3 * (np.hypot(x, 0.03) - 0.05) for x in (np.hypot(0.3, 0.03), 0.3 + np.hypot(0.3, 0.03)))
     assert f"joint 'joint 1' draws geom 'fore', has no capsule, and reaches {fore:.0f} mm" in message
     assert f"joint 'joint 2' draws geom 'hand', has no capsule, and reaches {hand:.0f} mm" in message
     assert "joint 0" not in message
@@ -101,9 +101,10 @@ def test_how_far_a_shape_reaches_out(shape):
     thin = TUBE.replace(".05", ".02")
     (link,) = look(arm_xml(thin + geom, assets=MESH))
     assert link.own == pytest.approx(expected, abs=1e-4)
-    assert link.joined == link.home == link.own
+    assert link.joined == link.own
+    assert link.arm == pytest.approx(link.own, abs=1e-12)
     (covered,) = look(arm_xml(TUBE.replace(".05", ".25") + geom, assets=MESH))
-    assert (covered.own, covered.joined, covered.home) == (0.0, 0.0, 0.0)
+    assert (covered.own, covered.joined, covered.arm) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("shape", ["box", "mesh", "cylinder", "capsule"])
@@ -116,15 +117,64 @@ def test_a_long_shape_is_looked_at_between_its_ends(shape):
     assert link.own == pytest.approx(middle.get(shape, 0.18) - 0.1, abs=2e-3)
 
 
+def cut(length):
+    """A link whose capsule ends at this length, under a box whose corner is at (0.3, 0.03, 0.03)."""
+    return TUBE.replace(".3 0 0", f"{length} 0 0") + BEAM.format("cut", 2)
+
+
 def test_capsules_that_leave_out_a_good_part_are_noted(tmp_path, caplog):
-    short = '<geom type="capsule" group="3" size=".05" fromto="0 0 0  .2 0 0"/>'
     with caplog.at_level(logging.WARNING, "jssa_gym"):
-        read(tmp_path, arm_xml(TUBE + BEAM.format("whole", 2), short + BEAM.format("cut", 2)))
-    # the corner at (0.3, 0.03, 0.03), from (0.2, 0, 0)
+        read(tmp_path, arm_xml(TUBE + BEAM.format("whole", 2), cut(0.25)))
     (record,) = caplog.records
-    assert record.getMessage().startswith(
-        "the link of joint 'joint 1' draws geom 'cut', which reaches 59 mm out of its capsules"
+    out = 1e3 * (np.linalg.norm([0.05, 0.03, 0.03]) - 0.05)
+    assert record.getMessage() == (
+        f"the link of joint 'joint 1' draws geom 'cut', which reaches {out:.0f} mm out of all capsules: "
+        "nothing is measured there"
     )
+
+
+def test_capsules_that_leave_out_most_are_refused_with_all_others(tmp_path):
+    """A token capsule is no measurement: a ball of 1 mm, and a tube that leaves 59 mm; the third link has none."""
+    token = '<geom type="sphere" group="3" size=".001" pos=".15 0 0"/>' + BEAM.format("whole", 2)
+    with pytest.raises(RobotModelError) as error:
+        read(tmp_path, arm_xml(cut(0.2), token, BEAM.format("bare", 2)))
+    message = str(error.value)
+    whole = 1e3 * (np.linalg.norm([0.15, 0.03, 0.03]) - 0.001)
+    assert f"joint 'joint 1' draws geom 'whole', and reaches {whole:.0f} mm out of all capsules; " in message
+    assert "joint 'joint 2' draws geom 'bare', has no capsule, and reaches" in message
+    cut_off = 1e3 * (np.linalg.norm([0.1, 0.03, 0.03]) - 0.05)
+    assert f"joint 'joint 0' draws geom 'cut', and reaches {cut_off:.0f} mm out of all capsules; " in message
+
+
+def test_what_the_next_link_covers_counts_if_it_does_so_at_every_angle(tmp_path):
+    token = '<geom type="sphere" group="3" size=".001"/><geom name="drawn" size=".1" group="2" pos=".3 0 0"/>'
+    around = '<geom type="sphere" group="3" size=".12"/>'
+    assert read(tmp_path, arm_xml(token, around)).n == 2
+    lies_over = '<geom type="sphere" group="3" size=".15" pos="-.2 0 0"/>'
+    drawn = token.replace('pos=".3', 'pos=".1')  # its centre is the other's at home, and 0.2 m from the next joint
+    # where that has turned away only the token is left, 0.1 m from the centre of what is drawn
+    with pytest.raises(RobotModelError, match="geom 'drawn', and reaches 199 mm out of all capsules"):
+        read(tmp_path, arm_xml(drawn, lies_over))
+
+
+def test_shapes_that_no_link_can_draw_are_refused_by_name(tmp_path):
+    field = '<asset><hfield name="hills" nrow="3" ncol="3" size=".1 .1 .1 .1"/></asset>'
+    hills = '<geom name="back" type="hfield" hfield="hills" group="2"/>'
+    with pytest.raises(RobotModelError, match=r"geom 'back' of a link is a hfield; .* has to be a box, capsule"):
+        read(tmp_path, arm_xml(TUBE + hills, assets=field))
+    assert read(tmp_path, arm_xml(TUBE, base=hills, assets=field)).n == 1
+
+
+def test_what_the_base_draws_outside_of_capsules_is_noted(tmp_path, caplog):
+    inside = '<geom type="box" size=".01 .01 .01"/><geom type="plane" size="1 1 1"/>'
+    plinth = '<geom name="plinth" type="box" size=".2 .2 .1" pos="0 0 -.2"/>'
+    with caplog.at_level(logging.WARNING, "jssa_gym"):
+        read(tmp_path, arm_xml(TUBE, base=inside))
+        assert not caplog.records
+        read(tmp_path, arm_xml(TUBE, base=plinth))
+    (record,) = caplog.records
+    out = 1e3 * (np.linalg.norm([0.2, 0.2, 0.3]) - 0.05)  # of the corner behind the capsule
+    assert record.getMessage().startswith(f"the base draws geom 'plinth', which reaches {out:.0f} mm out of all")
 
 
 def test_the_shipped_arm_is_covered(caplog):
@@ -136,5 +186,5 @@ def test_the_shipped_arm_is_covered(caplog):
     assert [link.link for link in links] == list(range(6))
     assert [bool(link.capsules) for link in links] == [True] * 5 + [False]
     assert all(link.own == 0.0 for link in links[:5])
-    assert all(link.joined == link.home == 0.0 for link in links)
+    assert all(link.joined == link.arm == 0.0 for link in links)
     assert not caplog.records

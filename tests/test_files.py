@@ -157,6 +157,34 @@ def test_what_is_raised_while_a_file_is_written_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_is_wrong_with_another_file_is_not_said_of_this_one(tmp_path):
+    def filled():
+        with whole_file(tmp_path / "x") as file:
+            file.write(b"half")
+            (tmp_path / "picture").read_bytes()
+
+    with pytest.raises(FileNotFoundError) as error:
+        filled()
+    assert not isinstance(error.value, StorageError)
+    assert error.value.filename == str(tmp_path / "picture")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_no_buffer_holds_is_told_as_well(tmp_path):
+    """Of which the writing fails before the end, in the hands of whoever fills the file."""
+    script = (
+        "import resource, signal, sys, pathlib\n"
+        "from jssa_gym.storage import whole_file\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))\n"
+        "with whole_file(pathlib.Path(sys.argv[1])) as file:\n"
+        "    for _ in range(100): file.write(bytes(1000))\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", script, tmp_path / "x"], capture_output=True, text=True, check=False)
+    assert ran.stderr.splitlines()[-1].endswith(f"StorageError: cannot write {tmp_path / 'x'}: File too large")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_text_is_written_as_utf_8(tmp_path):
     write_whole(tmp_path / "x", "≤ é")
     assert (tmp_path / "x").read_bytes() == "≤ é".encode()

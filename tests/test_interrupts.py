@@ -8,12 +8,14 @@ import sys
 import textwrap
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import picklable
 import pytest
 
 import jssa_gym.cli
 from jssa_gym.cli import compare, evaluate, stress
+from jssa_gym.evaluation import workers
 from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.workers import run
@@ -153,6 +155,81 @@ def test_done_is_not_interrupted(listening):
         run(lambda number: [number], range(5), 1, done)
     assert seen == [0]
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_one_that_somebody_swallows_is_asked_for_again(listening):
+    """As those are that come in a ``__del__``, or in a callback that catches everything."""
+
+    def play(number):
+        with contextlib.suppress(KeyboardInterrupt) if number == 0 else contextlib.nullcontext():
+            signal.raise_signal(signal.SIGINT)
+        yield number
+
+    seen = []
+    with pytest.raises(KeyboardInterrupt):
+        run(play, range(5), 1, seen.extend)
+    assert seen == [0]
+
+
+def test_one_that_somebody_swallows_is_asked_for_again_of_workers(listening, monkeypatch):
+    waits = []
+
+    def wait(links):
+        waits.append(links)
+        assert len(waits) < 3
+        with contextlib.suppress(KeyboardInterrupt) if len(waits) == 1 else contextlib.nullcontext():
+            signal.raise_signal(signal.SIGINT)
+        return []
+
+    monkeypatch.setattr(workers, "connection", SimpleNamespace(wait=wait))
+    with pytest.raises(KeyboardInterrupt):
+        run(picklable.lasting, range(2), 2, id)
+    assert len(waits) == 2
+
+
+def test_what_was_sent_and_not_read_is_kept(listening, tmp_path):
+    seen = []
+
+    def done(found):
+        seen.extend(found)
+        if found == ["first"]:
+            (tmp_path / "go").touch()
+            picklable.wait_for(tmp_path / "sent")
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(picklable.relay, [("first", tmp_path), ("second", tmp_path)], 2, done)
+    assert seen == ["first", 0, 1, 2]
+
+
+def test_those_that_hang_are_waited_for_together(monkeypatch):
+    now = [0.0]
+
+    class Hung:
+        """A worker, its process and its link."""
+
+        killed = False
+
+        def __init__(self):
+            self.process = self.link = self
+
+        def join(self, timeout=None):
+            assert timeout is not None or self.killed
+            now[0] += timeout or 0.0
+
+        def kill(self):
+            self.killed = True
+
+        def close(self):
+            pass
+
+        drain = close
+
+    monkeypatch.setattr(workers.time, "monotonic", lambda: now[0])
+    hung = [Hung() for _ in range(5)]
+    workers._end(hung, workers._LAST_BREATH)
+    assert all(worker.killed for worker in hung)
+    assert now[0] == workers._LAST_BREATH
 
 
 def test_work_can_be_done_in_a_thread():

@@ -344,7 +344,9 @@ class TestPickles:
         Evaluate(policy=policy, out=tmp_path / "one", **shared).run()
         Compare(policies=(policy,), filters=("none",), humans=("walk_by",), out=tmp_path / "two", **shared).run()
         (trace,) = (tmp_path / "one" / "traces").iterdir()
-        Replay(trace, tmp_path / "r", figure=False, video=False, again=True).run()
+        with pytest.raises(ParameterError, match="--policy"):  # what a recording names is not even read
+            Replay(trace, tmp_path / "r", figure=False, video=False, again=True, trust_pickle=True).run()
+        Replay(trace, tmp_path / "r", figure=False, video=False, again=True, policy=policy).run()
         assert not ran.exists()
         shared["trust_pickle"] = True
         Evaluate(policy=policy, out=tmp_path / "three", **shared).run()
@@ -352,7 +354,7 @@ class TestPickles:
         Compare(policies=(policy,), filters=("none",), humans=("walk_by",), out=tmp_path / "four", **shared).run()
         ran.unlink()
         (trace,) = (tmp_path / "three" / "traces").iterdir()
-        Replay(trace, tmp_path / "r", figure=False, video=False, again=True, trust_pickle=True).run()
+        Replay(trace, tmp_path / "r", figure=False, video=False, again=True, policy=policy, trust_pickle=True).run()
         ran.unlink()
 
     def test_statistics_of_observations(self, tmp_path, ran):

@@ -455,9 +455,12 @@ def test_a_user_s_arm_with_limits_beside_it(tmp_path, unit):
         (LIMITS.format("deg").replace("unit", "units"), r"unit = 'deg' or 'rad'"),
         (
             LIMITS.format("deg").replace("[90, 180]", "[90]"),
-            r"velocity limits have shape \(1,\), expected \(2,\)",
+            r"mine\.limits\.toml: velocity limits have shape \(1,\), expected \(2,\)",
         ),
-        (LIMITS.format("deg").replace("[90, 180]", "[90, -180]"), r"velocity limits have to be positive"),
+        (
+            LIMITS.format("deg").replace("[90, 180]", "[90, -180]"),
+            r"mine\.limits\.toml: velocity limits have to be positive",
+        ),
         (
             LIMITS.format("deg").replace("[90, 180]", '["fast", "slow"]'),
             r"mine\.limits\.toml.*velocity",

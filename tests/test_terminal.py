@@ -1,6 +1,7 @@
 """What commands print: names are shown and never obeyed, in what the stream can write; every option once."""
 
 import ast
+import functools
 import io
 import json
 import logging
@@ -13,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import picklable
 import pytest
 from rich.table import Table
 
@@ -24,10 +26,11 @@ from jssa_gym.cli.terminal import Terminal, prepared
 from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import rollout, save_trace
 from jssa_gym.evaluation.svg import Panel, escape
+from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, HoldPolicy
 from jssa_gym.shields import FILTERS
-from jssa_gym.text import printable
+from jssa_gym.text import counted, printable
 
 CLI = Path(jssa_gym.__file__).parent / "cli"
 HOSTILE = "a\x1b[2J\x1b]0;title\x07b [/red] [bold] :smile: $\\frac$ \n jssa-gym: fine \u202etxt\x9b1m\x7f\ud800"
@@ -96,7 +99,7 @@ def test_every_print_of_the_commands_goes_through_it():
                     and path.name != "terminal.py"
                 ):
                     found.append(f"{path.name}:{node.lineno} print")
-    assert found == ["progress.py:3 Console"]  # of a type
+    assert found == ["progress.py:5 Console"]  # of a type
 
 
 def test_errors_warnings_and_log_lines_are_shown(capsys):
@@ -112,6 +115,23 @@ def test_errors_warnings_and_log_lines_are_shown(capsys):
         assert obedient(logging.lastResort.format(record)) == set()
     assert warnings.formatwarning is before
     assert logging.lastResort.formatter is None
+
+
+def test_workers_show_what_they_say(capfd):
+    run(picklable.saying, [HOSTILE.replace("\ud800", "")], 2, id)
+    err = capfd.readouterr().err
+    assert obedient(err) == set()
+    assert err.count(r"a\x1b[2J") == 2
+
+
+@pytest.mark.slow
+def test_environments_in_processes_show_what_they_say(capfd):
+    learner = pytest.importorskip("jssa_gym.train.learner", reason="stable_baselines3 is not installed")
+    make = functools.partial(learner._monitored, picklable.loud_environment)
+    learner._Processes([make], start_method="spawn").close()
+    err = capfd.readouterr().err
+    assert obedient(err) == set()
+    assert r"a name: \x1b[2J" in err
 
 
 def test_what_whoever_waits_for_a_thread_raises_is_told_once(monkeypatch):
@@ -239,6 +259,35 @@ def test_wrong_arguments_are_repeated_but_not_obeyed(tmp_path, monkeypatch, caps
     assert (code, out) == (2, "")
     assert obedient(err) == set()
     assert "\\x1b" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("evaluate", "--jobs", "0", "--out", "x"), "jobs"),
+        (("evaluate", "--out", "/proc/x"), "/proc/x"),
+        (("compare", "--out", "/proc/x"), "/proc/x"),
+        (("stress", "--faults", "stale", "--out", "x"), "names with spaces need quotes: 'stale "),
+    ],
+    ids=repr,
+)
+def test_an_error_is_one_line(tmp_path, monkeypatch, capsys, words, told):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = command(monkeypatch, capsys, *words)
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert told in err
+
+
+def test_one_is_no_plural(tmp_path, monkeypatch, capsys):
+    words = ("--filter", "none", "--human", "none", "--policy", "hold", "--seconds", "0.1")
+    for episodes, told in (("1", ": 1 episode, 95 %"), ("2", ": 2 episodes, 95 %")):
+        again = (*words, "--out", tmp_path / episodes, "--episodes", episodes)
+        code, out, err = command(monkeypatch, capsys, "evaluate", *again)
+        assert code == 0, err
+        assert told in out
+        assert "" not in err.splitlines()
+    assert counted(2000, "step") == "2,000 steps"
 
 
 def test_pages_show_names():

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
-from rich.progress import Progress
 from rich.table import Table
 
 from jssa_gym.cli.demo import paper_scene
+from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import benchmark
 from jssa_gym.evaluation.benchmark import Timing
@@ -35,7 +35,7 @@ class Bench:
             raise ParameterError(f"rounds has to be at least 1, got {self.rounds}")
         timings: list[Timing] = []
         first: tuple[float, float] | None = None
-        with Progress(console=Terminal(stderr=True), transient=True) as progress:
+        with transient(Terminal(stderr=True)) as progress:
             task = progress.add_task("recording an episode", total=7)
 
             def done(next_task: str) -> None:

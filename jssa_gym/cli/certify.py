@@ -12,6 +12,7 @@ from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import judge
 from jssa_gym.evaluation.counterexample import load_counterexample, play_on, save_counterexample
@@ -210,7 +211,7 @@ class Certify:
 @contextmanager
 def _progress(console: Terminal, unit: str) -> Generator[Progress]:
     columns: tuple[Any, ...] = (TextColumn(unit), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as progress:
+    with transient(console, *columns, TimeElapsedColumn(), TimeRemainingColumn()) as progress:
         yield progress
 
 

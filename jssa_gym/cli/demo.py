@@ -10,12 +10,12 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from rich.progress import Progress
 from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.film import EVERY, film, pictures, require_film
+from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
 from jssa_gym.envs.tasks import TASKS
@@ -66,7 +66,7 @@ class Demo:
         steps = round(self.seconds / DT)
         traces, summaries = [], []
         robot, d_min = None, 0.05
-        with Progress(console=console, transient=True) as progress:
+        with transient(console) as progress:
             task = progress.add_task("simulating", total=len(_SHIELDS))
             for name, wrap in _SHIELDS.items():
                 env = wrap(make())

@@ -23,6 +23,7 @@ from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.slowdown import slowdown
 from jssa_gym.evaluation.statistics import short
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.text import counted
 
 
 def ticks(seconds: float) -> int:
@@ -61,7 +62,7 @@ def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
         try:
             return complete(study, out, jobs=jobs, keep=keep, progress=show)
         except KeyboardInterrupt:
-            console.say(f"stopped; the same command goes on from {played} episodes in {out}")
+            console.say(f"stopped; the same command goes on from {counted(played, 'episode')} in {out}")
             raise SystemExit(130) from None
 
 
@@ -162,7 +163,7 @@ def warn(report: Report, console: Terminal) -> None:
 
 def _show(report: Report) -> None:
     console = Terminal(width=140)
-    table = Table(title=f"{', '.join(report.setting)}: {len(report.episodes):,} episodes, 95 % intervals")
+    table = Table(title=f"{', '.join(report.setting)}: {counted(len(report.episodes), 'episode')}, 95 % intervals")
     for title in ("metric", "rate or mean", "least", "largest", "unit"):
         table.add_column(title, justify="left" if title in ("metric", "unit") else "right")
     units = {metric.over_episodes: metric.unit for metric in METRICS}

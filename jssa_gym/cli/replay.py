@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.progress import Progress
 
 from jssa_gym import plots
 from jssa_gym.cli.evaluate import find_policies_here
 from jssa_gym.cli.files import writable_folder, write_figure
 from jssa_gym.cli.film import EVERY, film, pictures, require_film
+from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.replay import judge
@@ -22,6 +22,7 @@ from jssa_gym.evaluation.trace import load_trace, read_meta
 from jssa_gym.evaluation.verdict import Verdict
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import ROBOTS, RobotModel, make_robot
+from jssa_gym.text import counted
 from jssa_gym.types import Trace
 
 
@@ -63,7 +64,7 @@ class Replay:
         if self.again:
             recorded_setting(meta, self.policy)  # before anything is shown, or takes time
         console = Terminal()
-        console.say(f"{trace.name}: {len(trace.time)} steps of {trace.dt:g} s, {trace.ended}")
+        console.say(f"{trace.name}: {counted(len(trace.time), 'step')} of {trace.dt:g} s, {trace.ended}")
         console.say(f"recorded from {json.dumps(meta)}")
         agrees = True
         if self.verify:
@@ -93,7 +94,7 @@ class Replay:
         out = self.episode.with_suffix("") if self.out is None else self.out
         writable_folder(out)
         console, written = Terminal(stderr=True), []
-        with Progress(console=console, transient=True) as progress:
+        with transient(console) as progress:
             if self.figure:
                 figure = plots.profile([trace], robot.limits, trace.d_min)
                 write_figure(out / "profile.png", figure)
@@ -110,8 +111,9 @@ def _tell(verdict: Verdict, console: Terminal) -> None:
     word = "agrees" if verdict.same_course else "DISAGREES"
     console.say(
         f"MuJoCo {word} at {verdict.samples} moments: smallest distance {verdict.distance:.4g} m, "
-        f"{len(verdict.contacts)} contacts, {sum(contact.moving for contact in verdict.contacts)} of them with the arm "
-        f"moving, {len(verdict.self_collisions)} self-collisions, {len(verdict.plane_collisions)} with table or floor"
+        f"{counted(len(verdict.contacts), 'contact')}, {sum(contact.moving for contact in verdict.contacts)} of them "
+        f"with the arm moving, {counted(len(verdict.self_collisions), 'self-collision')}, "
+        f"{len(verdict.plane_collisions)} with table or floor"
     )
     console.say(
         f"largest disagreements: distance {verdict.distance_error:.1e} m, contact at {verdict.contact_error} steps, "

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import tyro
-from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import claims, handover_claims, index_claims, paper, reproduction
 from jssa_gym.evaluation.blocked import blocked, warning
@@ -133,7 +133,7 @@ class Reproduce:
         chosen = list(PARTS) if self.what == "all" else [self.what]
         results, reasons = {}, dict[str, str]()
         console = Terminal(stderr=True)
-        with Progress(console=console, transient=True) as progress:
+        with transient(console) as progress:
             task = progress.add_task("", total=sum(PARTS[name][1] for name in chosen))
 
             def done(trace: Trace | None) -> None:

@@ -24,6 +24,7 @@ from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.evaluation.tally import Tally, tally
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.text import counted
 from jssa_gym.validation import positive_integer
 
 _CHUNK = 10
@@ -83,7 +84,9 @@ class Stress:
         try:
             self._play(ledger, jobs, console)
         except KeyboardInterrupt:
-            console.say(f"stopped; the same command goes on from {len(ledger.episodes)} episodes in {self.out}")
+            console.say(
+                f"stopped; the same command goes on from {counted(len(ledger.episodes), 'episode')} in {self.out}"
+            )
             raise SystemExit(130) from None
         episodes = ledger.ordered()
         rows = tally(episodes, self.by)
@@ -146,7 +149,9 @@ def _show(
     rows: Sequence[Tally], by: Sequence[str], broken: Sequence[Episode], ledger: Ledger[Campaign, Episode]
 ) -> None:
     console = Terminal(width=140)
-    happened = Table(title=f"{len(ledger.episodes):,} episodes of {ledger.plan.steps * DT:g} s, 95 % intervals")
+    happened = Table(
+        title=f"{counted(len(ledger.episodes), 'episode')} of {ledger.plan.steps * DT:g} s, 95 % intervals"
+    )
     did = Table(title="what the shields did, and what MuJoCo says")
     for table in (happened, did):
         for name in by:

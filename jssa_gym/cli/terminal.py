@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.text import Text
 
 from jssa_gym.exceptions import JSSAGymError
-from jssa_gym.text import printable
+from jssa_gym.text import printable, show_messages
 
 _ALIKE = "jssa_gym.alike"
 """Name of the way to write what a stream's encoding does not have."""
@@ -47,9 +47,6 @@ _LOOK_ALIKES = {
     "°": "deg",
     "§": "section ",
 }
-
-_MARKS = "\n\t"
-"""What texts of several lines, such as tracebacks, are laid out with."""
 
 
 class Terminal(Console):
@@ -93,13 +90,6 @@ def _in_ascii(character: str) -> str:
     return unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode() or "?"
 
 
-class _Shown(logging.Formatter):
-    """Log lines in which all is seen."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        return printable(super().format(record), keep=_MARKS)
-
-
 @contextlib.contextmanager
 def prepared() -> Generator[None]:
     """Streams that can write everything somehow; warnings and log lines in which all is seen; errors told once."""
@@ -110,17 +100,12 @@ def prepared() -> Generator[None]:
     formatwarning, last = warnings.formatwarning, logging.lastResort
     formatter, of_thread = last.formatter if last is not None else None, threading.excepthook
 
-    def shown(*arguments: Any, **options: Any) -> str:
-        return printable(formatwarning(*arguments, **options), keep=_MARKS)
-
     def without_twice(error: threading.ExceptHookArgs) -> None:
         if not isinstance(error.exc_value, OSError):  # whoever waits for the thread raises it again
             of_thread(error)
 
     threading.excepthook = without_twice
-    warnings.formatwarning = shown  # ty: ignore[invalid-assignment]
-    if last is not None:
-        last.setFormatter(_Shown())
+    show_messages()
     try:
         yield
     finally:

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_json
 from jssa_gym.cli.film import EVERY, film, require_film
+from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.guards import TASK_SHIELD
@@ -124,9 +125,7 @@ class Train:
         writable_folder(self.out)
         console = Terminal(stderr=True)
         columns: tuple[Any, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        with Progress(
-            *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True
-        ) as progress:
+        with transient(console, *columns, TimeElapsedColumn(), TimeRemainingColumn()) as progress:
             bar = progress.add_task("policy steps", total=config.steps)
             try:
                 training = train(

@@ -16,6 +16,7 @@ from jssa_gym.evaluation.stage import Scored
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
 from jssa_gym.evaluation.svg import Panel, colour, dashes, escape, marker
 from jssa_gym.storage import write_whole
+from jssa_gym.text import counted
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -70,7 +71,8 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
     """The comparison as HTML; recordings are linked from ``folder``."""
     ranked = standings(reports)
     number = {name: k for k, name in enumerate(study.filters)}
-    seconds = f"{study.episodes} episodes of at most {study.steps} steps a combination, first seed {study.seed}"
+    episodes, steps = counted(study.episodes, "episode"), counted(study.steps, "step")
+    seconds = f"{episodes} of at most {steps} a combination, first seed {study.seed}"
     parts = [
         f"<h1>Filters compared</h1><p>{escape(seconds)}. Tasks: {_list(study.tasks)}. People: {_list(study.humans)}. "
         f"Policies: {_list(study.policies)}.</p><p><code>{escape(command)}</code></p>",

@@ -112,6 +112,12 @@ class Chunk(NamedTuple, Generic[AnyPlan, AnyCell]):
     """Folder for recordings."""
 
 
+def _differs(name: str, known: Any, asked: Any) -> str:
+    """What is other, and by how much if that is short."""
+    short = isinstance(known, int | float | str) and isinstance(asked, int | float | str)
+    return f"{name}: {known} there, {asked} asked for" if short else name
+
+
 class Ledger(Generic[AnyPlan, AnyRow]):
     """Configuration and episodes of a campaign in a folder.
 
@@ -149,12 +155,12 @@ class Ledger(Generic[AnyPlan, AnyRow]):
         if path.exists() and not empty:
             try:
                 known = json.loads(read_text(path, ParameterError))
-                other = [name for name in config if known[name] != config[name]]
+                other = [_differs(name, known[name], config[name]) for name in config if known[name] != config[name]]
             except (ValueError, KeyError, TypeError, RecursionError) as error:
                 raise ParameterError(f"{path} is no campaign's configuration: {error}") from error
             if other:
                 raise ParameterError(
-                    f"{self.folder} holds another campaign (other {', '.join(other)}); choose another folder (--out)"
+                    f"{self.folder} holds another campaign (other {'; '.join(other)}); choose another folder (--out)"
                 )
             return
         if not (path.exists() or empty):

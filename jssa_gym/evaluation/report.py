@@ -16,6 +16,7 @@ from jssa_gym.evaluation.plans import Setting
 from jssa_gym.evaluation.stage import Scored
 from jssa_gym.evaluation.statistics import Mean, Rate, means
 from jssa_gym.storage import write_whole
+from jssa_gym.text import counted
 from jssa_gym.types import Array
 
 METRICS: tuple[Metric, ...] = tuple(metrics_of(Summary))
@@ -100,7 +101,7 @@ class Report:
         write_reports(Path(path), [self])
 
     def __str__(self) -> str:
-        lines = [f"{', '.join(part for part in self.setting if part)}: {len(self.episodes)} episodes"]
+        lines = [f"{', '.join(part for part in self.setting if part)}: {counted(len(self.episodes), 'episode')}"]
         lines += [f"  {name:<32} {rate}" for name, rate in self.rates.items()]
         units = {metric.over_episodes: metric.unit for metric in METRICS}
         lines += [f"  {name:<32} {mean} {units[name]}".rstrip() for name, mean in self.means.items()]

@@ -5,15 +5,17 @@ import os
 import pickle
 import signal
 import threading
+import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import contextmanager, suppress
 from multiprocessing import connection
 from multiprocessing.connection import Connection
 from typing import Any, Self, TypeVar
 
 from jssa_gym.exceptions import WorkerError
+from jssa_gym.text import show_messages
 
 Work = TypeVar("Work")
 Result = TypeVar("Result")
@@ -43,6 +45,7 @@ _LAST_BREATH = 2.0
 def _work(play: Play[Any, Any], link: Connection) -> None:
     # the parent alone answers Ctrl-C
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    show_messages()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _tell(link, _READY)
     while True:
@@ -94,40 +97,42 @@ def _portable(error: Exception) -> Exception:
 
 
 class _Interrupts:
-    """Ctrl-C while work is done: answered once, since what ends then must not be cut short, and never in between."""
+    """Ctrl-C while work is done: answered where that plays or waits, and nowhere else, least of all while it ends."""
 
     def __init__(self) -> None:
         self._before: Any = signal.getsignal(signal.SIGINT)
         # only the main thread is told, and may say who is
         self._ours = callable(self._before) and threading.current_thread() is threading.main_thread()
-        self._answered, self._held, self._pressed = False, False, False
+        self._answering, self._pressed = False, False
 
     def __enter__(self) -> Self:
         if self._ours:
             signal.signal(signal.SIGINT, self._pressed_now)
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         if self._ours:
             signal.signal(signal.SIGINT, self._before)
+            if self._pressed and kind is None:
+                self._before(signal.SIGINT, None)
 
     def _pressed_now(self, *told: Any) -> None:
-        self._pressed = self._held
-        if not (self._held or self._answered):
-            self._answered = True
+        if self._answering:  # whoever swallows it is asked again: nothing is remembered
             self._before(*told)
-            self._answered = False  # it raised nothing
+        else:
+            self._pressed = True
 
     @contextmanager
-    def held(self) -> Generator[None]:
-        """Put it off until the end: nothing must be half written."""
-        self._held = True
+    def answered(self) -> Generator[None]:
+        """Nothing is half written meanwhile: it may end here, at once if it was pressed before."""
+        self._answering = True
         try:
+            if self._pressed:
+                self._pressed = False
+                self._before(signal.SIGINT, None)
             yield
         finally:
-            self._held = False
-        if self._pressed:
-            self._pressed_now(signal.SIGINT, None)
+            self._answering = False
 
     @contextmanager
     def unheard(self) -> Generator[None]:
@@ -149,6 +154,7 @@ class _Worker:
         self.process = context.Process(target=_work, args=(play, theirs))
         self.results: list[Any] = []
         self._begun = False
+        self._torn = False  # whether a part of a message may have been read
         try:
             with interrupts.unheard():  # nor must it answer with a page of its own while it begins
                 self.process.start()
@@ -159,10 +165,12 @@ class _Worker:
 
     def hear(self) -> bool:
         """Take in what it says; whether it waits for a chunk."""
+        self._torn = True
         try:
             kind, said = self.link.recv()
         except (EOFError, OSError):
             raise self._gone() from None
+        self._torn = False
         if kind == _ERROR:
             raise said
         if kind == _RESULT:
@@ -190,12 +198,27 @@ class _Worker:
             )
         return WorkerError(f"a worker process was killed, most likely for want of memory; {_GOES_ON}; use fewer jobs")
 
-    def end(self, patience: float) -> None:
-        """End it, after some time to end by itself [s]."""
+    def drain(self) -> None:
+        """Take in what it had sent before it ended."""
+        with suppress(Exception):  # an error of its own comes too late, and so does half a message
+            while not self._torn and self.link.poll():
+                self.hear()
         self.link.close()
-        self.process.join(patience)
-        self.process.kill()
-        self.process.join()
+
+
+def _end(workers: Sequence[_Worker], patience: float) -> None:
+    """End them, after some time to end by themselves, all together [s]."""
+    if patience:
+        for worker in workers:
+            worker.link.close()  # there is no more to do
+    until = time.monotonic() + patience
+    for worker in workers:
+        worker.process.join(max(until - time.monotonic(), 0.0))
+    for worker in workers:
+        worker.process.kill()
+    for worker in workers:
+        worker.process.join()
+        worker.drain()
 
 
 def run(play: Play[Work, Result], chunks: Iterable[Work], jobs: int, done: Callable[[list[Result]], Any]) -> None:
@@ -224,11 +247,11 @@ def run(play: Play[Work, Result], chunks: Iterable[Work], jobs: int, done: Calla
             for chunk in chunks:
                 results: list[Result] = []
                 try:
-                    for result in play(chunk):
-                        results.append(result)  # counts, however the next one ends
+                    with interrupts.answered():
+                        for result in play(chunk):
+                            results.append(result)  # counts, however the next one ends
                 finally:
-                    with interrupts.held():
-                        hand_over(results)
+                    hand_over(results)
         else:
             _share_out(play, deque(chunks), jobs, hand_over, interrupts)
 
@@ -244,27 +267,27 @@ def _share_out(
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     workers, patience = list[_Worker](), 0.0
     try:
-        with interrupts.held():  # no worker must be lost
-            for _ in range(min(jobs, len(todo))):
-                workers.append(_Worker(play, interrupts))
+        for _ in range(min(jobs, len(todo))):
+            workers.append(_Worker(play, interrupts))
         busy: dict[Any, _Worker] = {worker.link: worker for worker in workers}
         while busy:
-            for link in connection.wait(list(busy)):
-                if not (worker := busy[link]).hear():
+            with interrupts.answered():
+                links = connection.wait(list(busy))
+            for link in links:
+                with interrupts.answered():
+                    waits = (worker := busy[link]).hear()
+                if not waits:
                     continue
-                with interrupts.held():
-                    results = worker.taken()
-                    try:
-                        if todo:
-                            worker.give(todo.popleft())
-                        else:
-                            del busy[link]
-                    finally:
-                        hand_over(results)
+                results = worker.taken()
+                try:
+                    if todo:
+                        worker.give(todo.popleft())
+                    else:
+                        del busy[link]
+                finally:
+                    hand_over(results)
         patience = _LAST_BREATH
     finally:
-        with interrupts.held():
-            for worker in workers:
-                worker.end(patience)
-            for worker in workers:
-                hand_over(worker.taken())
+        _end(workers, patience)
+        for worker in workers:
+            hand_over(worker.taken())

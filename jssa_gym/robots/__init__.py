@@ -9,7 +9,7 @@ import numpy as np
 
 from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.robots.lr_mate_200id_7l import lr_mate_200id_7l
-from jssa_gym.robots.model import JointLimits, RobotModel
+from jssa_gym.robots.model import JointLimits, LimitsError, RobotModel
 from jssa_gym.storage import read_text
 from jssa_gym.types import Array
 
@@ -57,6 +57,8 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
     velocity, acceleration, jerk = _limits_beside(path)
     try:
         return RobotModel.from_mjcf(path, velocity=velocity, acceleration=acceleration, jerk=jerk)
+    except LimitsError as error:
+        raise RobotModelError(f"{path.with_suffix('.limits.toml').name}: {error}") from error
     except UnicodeDecodeError as error:  # of a file that it includes
         raise RobotModelError(f"{path} has a name that is not in UTF-8: {error}") from error
 

@@ -27,12 +27,16 @@ _ALONG = 9
 _LONG = 0.02
 """Edge from which a triangle of a mesh is looked at between its corners too [m]."""
 
-
 COVERED = 1e-3
 """How far a link without capsules may reach out of those of the link before it [m]: what turns inside another one."""
 
 NOTED = 5e-3
-"""How far a link may reach out of its own capsules and of those of the link before it without being noted [m]."""
+"""How far a link, or the base, may reach out of all capsules of the arm without being noted [m]."""
+
+UNMEASURED = 50e-3
+"""How far a link may reach out of all capsules of the arm [m]; the published arms with capsules reach up to 26 mm."""
+
+_NOTE = "%s, which reaches %.0f mm out of all capsules: nothing is measured there"
 
 _logger = logging.getLogger("jssa_gym")
 
@@ -51,8 +55,8 @@ class Coverage:
     """Outside of its own capsules [m]; inf if it has none."""
     joined: float
     """Outside of its own and of the capsules of the link before it, at the worst angle of the joint between [m]."""
-    home: float
-    """Outside of all capsules of the arm, in the home position [m]."""
+    arm: float
+    """Outside of all capsules of the arm, at the worst angles of its joint and of the next one, the others at home."""
 
 
 def coverage(
@@ -68,11 +72,15 @@ def coverage(
         link_of_body: Link that carries each body, -1 for the base.
         home: Joint positions, shape (nq,) [rad].
         group: Geom group of the capsules.
+
+    Raises:
+        RobotModelError: A link draws a shape that cannot be looked at.
     """
     import mujoco
 
     data, measured = mujoco.MjData(model), model.geom_group == group
-    link, found = np.array([link_of_body[int(body)] for body in model.geom_bodyid]), []
+    link, found = _link_of_geom(model, link_of_body), []
+    capsules = np.flatnonzero((link >= 0) & measured)
     for i, joint in enumerate(joints):
         geoms = np.flatnonzero((link == i) & ~measured)
         if not len(geoms):
@@ -85,54 +93,80 @@ def coverage(
         alone = max(float((gap + radius).max()), 0.0)
         out = gap + radius > 0.0
         points, radius, gap = points[out], radius[out], gap[out]
-        everywhere = np.minimum(gap, _gaps(model, data, np.flatnonzero((link >= 0) & measured), carrier, points))
-        joined = 0.0
-        for turn in np.linspace(*model.jnt_range[joint], _TURNS):
-            _pose(model, data, home, joint, turn)
-            beside = np.minimum(gap, _gaps(model, data, before, carrier, points))
-            joined = max(joined, float((beside + radius).max(initial=0.0)))
-        nowhere = float((everywhere + radius).max(initial=0.0))
-        found.append(Coverage(i, tuple(geoms.tolist()), tuple(own.tolist()), alone, joined, nowhere))
+        # what covers at some angle only does not measure: each point counts where it is farthest out
+        beside = _farthest(model, data, home, [joint], before, carrier, points)
+        anywhere = _farthest(model, data, home, joints[i : i + 2], capsules, carrier, points)
+        joined = float((np.minimum(gap, beside) + radius).max(initial=0.0))
+        arm = float((anywhere + radius).max(initial=0.0))
+        found.append(Coverage(i, tuple(geoms.tolist()), tuple(own.tolist()), alone, joined, arm))
     return found
 
 
 def check_coverage(
     model: "mujoco.MjModel", joints: Sequence[int], link_of_body: Mapping[int, int], home: Array, group: int
 ) -> None:
-    """Refuse links that are drawn but not measured; note those whose capsules leave out a good part.
+    """Refuse links that are drawn but not measured; note those whose capsules leave out a good part, and the base.
 
     Arguments as of :func:`coverage`.
 
     Raises:
-        RobotModelError: A link draws something that is in no capsule; the message names all such links.
+        RobotModelError: A link draws something that is in no capsule, or far out of all; the message names all such
+            links.
     """
     import mujoco
 
-    def says(link: Coverage) -> str:
-        drawn = [called(model, mujoco.mjtObj.mjOBJ_GEOM, g) for g in link.geoms]
-        few = ", ".join(drawn[:3]) + (f" and {len(drawn) - 3} more" if len(drawn) > 3 else "")
-        return f"the link of {called(model, mujoco.mjtObj.mjOBJ_JOINT, joints[link.link])} draws {few}"
+    def says(who: str, geoms: Sequence[int]) -> str:
+        drawn = [called(model, mujoco.mjtObj.mjOBJ_GEOM, g) for g in geoms]
+        return f"{who} draws " + ", ".join(drawn[:3]) + (f" and {len(drawn) - 3} more" if len(drawn) > 3 else "")
+
+    def told(link: Coverage) -> str:
+        return says(f"the link of {called(model, mujoco.mjtObj.mjOBJ_JOINT, joints[link.link])}", link.geoms)
 
     links = coverage(model, joints, link_of_body, home, group)
-    bare = [link for link in links if not link.capsules and link.joined > COVERED]
-    if bare:
-        parts = "; ".join(
-            f"{says(link)}, has no capsule, and reaches "
-            + (
-                f"{1e3 * link.joined:.0f} mm out of those of the link before it"
-                if np.isfinite(link.joined)
-                else f"{1e3 * link.home:.0f} mm out of all others"
-            )
-            for link in bare
-        )
+    if parts := [f"{told(link)}, {fault}" for link in links if (fault := _fault(link))]:
         raise RobotModelError(
-            f"{parts}: distances are measured with capsules alone, so enclose what a link draws in capsules of "
-            f"group {group}"
+            f"{'; '.join(parts)}: distances are measured with capsules alone, so enclose what a link draws in capsules "
+            f"of group {group}"
         )
     for link in links:
-        if link.joined > NOTED:
-            out = 1e3 * link.joined
-            _logger.warning("%s, which reaches %.0f mm out of its capsules: nothing is measured there", says(link), out)
+        if link.arm > NOTED:
+            _logger.warning(_NOTE, told(link), 1e3 * link.arm)
+    geoms, out = _base(model, link_of_body, home, group)
+    if out > NOTED:
+        _logger.warning(_NOTE, says("the base", geoms), 1e3 * out)
+
+
+def _fault(link: Coverage) -> str:
+    """Why a link is not measured; empty if it is."""
+    if not link.capsules and link.joined > COVERED:
+        return "has no capsule, and reaches " + (
+            f"{1e3 * link.joined:.0f} mm out of those of the link before it"
+            if np.isfinite(link.joined)
+            else f"{1e3 * link.arm:.0f} mm out of all others"
+        )
+    return f"and reaches {1e3 * link.arm:.0f} mm out of all capsules" if link.arm > UNMEASURED else ""
+
+
+def _base(
+    model: "mujoco.MjModel", link_of_body: Mapping[int, int], home: Array, group: int
+) -> tuple[tuple[int, ...], float]:
+    """What the base draws, and how far the farthest point of it lies outside of all capsules, at home [m]."""
+    import mujoco
+
+    data, link, measured = mujoco.MjData(model), _link_of_geom(model, link_of_body), model.geom_group == group
+    # no part of an arm
+    grounds = (model.geom_type == _kinds().mjGEOM_PLANE) | (model.geom_type == _kinds().mjGEOM_HFIELD)
+    geoms = np.flatnonzero((link < 0) & ~measured & ~grounds)
+    if not len(geoms):
+        return (), 0.0
+    _pose(model, data, home)
+    points, radius = _drawn(model, data, geoms, 0)
+    out = _gaps(model, data, np.flatnonzero((link >= 0) & measured), 0, points) + radius
+    return tuple(geoms.tolist()), max(float(out.max()), 0.0)
+
+
+def _link_of_geom(model: "mujoco.MjModel", link_of_body: Mapping[int, int]) -> NDArray[np.int64]:
+    return np.array([link_of_body[int(body)] for body in model.geom_bodyid])
 
 
 def _pose(
@@ -170,6 +204,24 @@ def _gaps(
     return nearest
 
 
+def _farthest(
+    model: "mujoco.MjModel",
+    data: "mujoco.MjData",
+    home: Array,
+    joints: Sequence[int],
+    capsules: NDArray[np.int64],
+    body: int,
+    points: Array,
+) -> Array:
+    """The largest of :func:`_gaps` of every point while one joint after the other turns, the others at home, (p,)."""
+    farthest = np.full(len(points), -np.inf)
+    for joint in joints:
+        for turn in np.linspace(*model.jnt_range[joint], _TURNS):
+            _pose(model, data, home, joint, turn)
+            farthest = np.maximum(farthest, _gaps(model, data, capsules, body, points))
+    return farthest
+
+
 def _kinds() -> "type[mujoco.mjtGeom]":
     import mujoco
 
@@ -178,7 +230,9 @@ def _kinds() -> "type[mujoco.mjtGeom]":
 
 def _surface(model: "mujoco.MjModel", geom: int) -> tuple[Array, float]:
     """Points in the frame of a geom, shape (p, 3), and the radius of the balls around them that it is drawn as [m]."""
-    kinds, kind, size = _kinds(), model.geom_type[geom], model.geom_size[geom]
+    import mujoco
+
+    kinds, kind, size = _kinds(), _kinds()(model.geom_type[geom]), model.geom_size[geom]
     along = np.linspace(-1.0, 1.0, _ALONG)
     if kind == kinds.mjGEOM_SPHERE:
         return np.zeros((1, 3)), float(size[0])
@@ -194,7 +248,12 @@ def _surface(model: "mujoco.MjModel", geom: int) -> tuple[Array, float]:
     if kind == kinds.mjGEOM_ELLIPSOID:
         tilt = np.linspace(-np.pi / 2.0, np.pi / 2.0, _ROUND // 2 + 1)
         return np.array([(*(np.cos(t) * point), np.sin(t)) for t in tilt for point in rim]) * size, 0.0
-    return _corners(model, model.geom_dataid[geom]), 0.0
+    if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF):
+        return _corners(model, model.geom_dataid[geom]), 0.0
+    raise RobotModelError(
+        f"{called(model, mujoco.mjtObj.mjOBJ_GEOM, geom)} of a link is a {kind.name[7:].lower()}; what a link "
+        "draws has to be a box, capsule, cylinder, ellipsoid, mesh, sdf or sphere"
+    )
 
 
 def _corners(model: "mujoco.MjModel", mesh: int) -> Array:

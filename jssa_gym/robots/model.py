@@ -33,6 +33,10 @@ def _made_anew(thing: Any) -> tuple[type, tuple[Any, ...]]:
     return type(thing), tuple(getattr(thing, field.name) for field in fields(thing))
 
 
+class LimitsError(RobotModelError):
+    """Of velocity, acceleration or jerk, which no MJCF file holds."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class JointLimits:
     """Limits of every joint, symmetric but for the position.
@@ -64,9 +68,9 @@ class JointLimits:
         for name in ("velocity", "acceleration", "jerk"):
             limit = getattr(self, name)
             if limit.shape != (len(self.position),):
-                raise RobotModelError(f"{name} limits have shape {limit.shape}, expected ({len(self.position)},)")
+                raise LimitsError(f"{name} limits have shape {limit.shape}, expected ({len(self.position)},)")
             if not (np.all(limit > 0.0) and np.all(np.isfinite(limit))):
-                raise RobotModelError(f"{name} limits have to be positive and finite, got {limit}")
+                raise LimitsError(f"{name} limits have to be positive and finite, got {limit}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,9 +145,10 @@ class RobotModel:
         """Read a serial arm of hinge joints from an MJCF file.
 
         Joints, offsets and position ranges come from the file; capsules are its capsule and sphere geoms in group 3.
-        A link that draws something needs some, or turns inside those of the link before it; what reaches out of them by
-        more than 5 mm is logged. Two capsules are a self-collision pair if their links are neither equal nor neighbours
-        and no ``<contact><exclude/>`` names their bodies. MJCF has no velocity, acceleration or jerk limits.
+        A link that draws something needs some, or turns inside those of the link before it, and reaches at most 50 mm
+        out of all; what reaches out by more than 5 mm is logged, of the fixed base too. Two capsules are a
+        self-collision pair if their links are neither equal nor neighbours and no ``<contact><exclude/>`` names their
+        bodies. MJCF has no velocity, acceleration or jerk limits.
 
         Args:
             path: The MJCF file.

@@ -23,6 +23,7 @@ from jssa_gym.evaluation.workers import UNABLE
 from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network
+from jssa_gym.text import show_messages
 from jssa_gym.train.config import INSTALL, TrainConfig
 from jssa_gym.train.environment import makers
 from jssa_gym.train.settings import PPO, TD3, OffPolicy
@@ -72,6 +73,7 @@ def _monitored(make: Callable[[], gym.Env]) -> gym.Env:
     if multiprocessing.parent_process() is not None:
         # the parent alone answers Ctrl-C, and ends its environments
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        show_messages()
     return Monitor(make())
 
 
