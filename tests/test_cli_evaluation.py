@@ -129,7 +129,7 @@ def test_a_policy_whose_actions_are_not_finite_is_told(tmp_path, monkeypatch, ca
     broken = "picklable:broken_every_third"
     Evaluate(policy=broken, episodes=1, seconds=0.2, filter="none", out=tmp_path / "a", json=True).run()
     told = capsys.readouterr()
-    assert "not finite in 8 steps of 1 episodes" in told.err
+    assert "not finite in 8 steps of 1 episode:" in told.err
     assert json.loads(told.out)["means"]["n_actions_not_finite"]["value"] == 8.0
     assert f"wrote episodes.csv and summary.json to {tmp_path / 'a'}" in told.err
     Evaluate(policy="hold", episodes=1, seconds=0.2, filter="none", out=tmp_path / "b").run()

@@ -74,10 +74,8 @@ class Report:
         if reason := self.blocked:
             told.append(warning(reason))
         if steps.any():
-            told.append(
-                f"the policy's action was not finite in {int(steps.sum()):,} steps of {int((steps > 0.0).sum()):,} "
-                "episodes: the arm braked there (status FAULT)"
-            )
+            where = f"{counted(int(steps.sum()), 'step')} of {counted(int((steps > 0.0).sum()), 'episode')}"
+            told.append(f"the policy's action was not finite in {where}: the arm braked there (status FAULT)")
         return tuple(told)
 
     def as_dict(self) -> dict[str, Any]:
