@@ -133,7 +133,21 @@ def test_capsules_that_leave_out_a_good_part_are_noted(tmp_path, caplog):
     )
 
 
-def test_capsules_that_leave_out_most_are_refused_with_all_others(tmp_path):
+def test_a_token_capsule_is_none(tmp_path):
+    """A ball of 1 mm on a link that draws a beam of 0.8 m."""
+    beam = '<geom name="beam" type="box" size=".4 .02 .02" pos=".4 0 0" group="2"/>'
+    out = 1e3 * (np.linalg.norm([0.8, 0.02, 0.02]) - 0.001)
+    with pytest.raises(RobotModelError, match=f"geom 'beam', and reaches {out:.0f} mm out of all capsules"):
+        read(tmp_path, arm_xml('<geom type="sphere" group="3" size=".001"/>' + beam))
+
+
+@pytest.fixture
+def strict(monkeypatch):
+    """A bound that small arms go beyond."""
+    monkeypatch.setattr("jssa_gym.robots.coverage.UNMEASURED", 0.05)
+
+
+def test_capsules_that_leave_out_most_are_refused_with_all_others(tmp_path, strict):
     """A token capsule is no measurement: a ball of 1 mm, and a tube that leaves 59 mm; the third link has none."""
     token = '<geom type="sphere" group="3" size=".001" pos=".15 0 0"/>' + BEAM.format("whole", 2)
     with pytest.raises(RobotModelError) as error:
@@ -146,7 +160,7 @@ def test_capsules_that_leave_out_most_are_refused_with_all_others(tmp_path):
     assert f"joint 'joint 0' draws geom 'cut', and reaches {cut_off:.0f} mm out of all capsules; " in message
 
 
-def test_what_the_next_link_covers_counts_if_it_does_so_at_every_angle(tmp_path):
+def test_what_the_next_link_covers_counts_if_it_does_so_at_every_angle(tmp_path, strict):
     token = '<geom type="sphere" group="3" size=".001"/><geom name="drawn" size=".1" group="2" pos=".3 0 0"/>'
     around = '<geom type="sphere" group="3" size=".12"/>'
     assert read(tmp_path, arm_xml(token, around)).n == 2

@@ -159,10 +159,10 @@ class LearnedPolicy:
             ("observation", (self.network.inputs,), env.observation_space.shape),
         ):
             if wanted != found:
-                task = f" (of task {self.task!r})" if self.task else ""
+                task = f": it is a policy of task {self.task!r}" if self.task else ""
                 told = "; its last entry tells of the shield" if self.observes_intervention else ""
                 raise ParameterError(
-                    f"the policy was trained with an {name} of shape {wanted}{task}{told}, the environment has {found}"
+                    f"the policy was trained with an {name} of shape {wanted}{told}, the environment has {found}{task}"
                 )
         for name in ("position", "velocity", "acceleration", "jerk"):
             wanted, found = getattr(self.limits, name), getattr(limits, name)

@@ -33,8 +33,9 @@ COVERED = 1e-3
 NOTED = 5e-3
 """How far a link, or the base, may reach out of all capsules of the arm without being noted [m]."""
 
-UNMEASURED = 50e-3
-"""How far a link may reach out of all capsules of the arm [m]; the published arms with capsules reach up to 26 mm."""
+UNMEASURED = 0.3
+"""How far a link may reach out of all capsules of the arm [m]: a token capsule is none. Published arms with capsules
+reach up to 26 mm."""
 
 _NOTE = "%s, which reaches %.0f mm out of all capsules: nothing is measured there"
 

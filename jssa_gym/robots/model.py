@@ -145,7 +145,7 @@ class RobotModel:
         """Read a serial arm of hinge joints from an MJCF file.
 
         Joints, offsets and position ranges come from the file; capsules are its capsule and sphere geoms in group 3.
-        A link that draws something needs some, or turns inside those of the link before it, and reaches at most 50 mm
+        A link that draws something needs some, or turns inside those of the link before it, and reaches at most 300 mm
         out of all; what reaches out by more than 5 mm is logged, of the fixed base too. Two capsules are a
         self-collision pair if their links are neither equal nor neighbours and no ``<contact><exclude/>`` names their
         bodies. MJCF has no velocity, acceleration or jerk limits.
