@@ -220,8 +220,8 @@ MUTANTS = [
     _guard("nobody is told", "if wrong and joints.persistent and not self._told:", "if False:", FAULTS),
     _guard(
         "a stop that did not end in rest is the last",
-        "self._tick >= stop_length(self._stored) and not at_rest(self.expected)",
-        "False",
+        "self._rests = begun and at_rest(self.expected)",
+        "self._rests = begun",
         (JOINTS, "did_not_end"),
     ),
     _kernel(

@@ -51,7 +51,7 @@ class Watch(NamedTuple):
         return human._replace(start=start, end=end)
 
 
-_ARRAYS, _FLOATS = {np.ndarray}, {np.dtype(np.float64)}
+_FLOAT64 = np.dtype(np.float64)
 
 
 def _unlike(human: Any, age: Any, valid: Any) -> str:
@@ -165,16 +165,22 @@ class HumanMonitor:
             raise ValueError(f"{shape[0]} capsules instead of {len(self._people.radius)}")
         elif self._people.names != tuple(names):
             raise ValueError("the capsules have other names than before")
-        kinds = {*map(type, human[:5]), type(human.person), type(age), type(valid)}
-        if kinds != _ARRAYS and (wrong := _unlike(human, age, valid)):
+        start, end, start_velocity, end_velocity, radius = human[:5]
+        if not (
+            type(start) is type(end) is type(start_velocity) is type(end_velocity) is type(radius) is np.ndarray
+            and type(human.person) is type(age) is type(valid) is np.ndarray
+        ) and (wrong := _unlike(human, age, valid)):
             raise ValueError(wrong)
         # into arrays of one's own: of the type that the kernel is compiled for, whatever comes
-        ends, floats = self._ends, (*human[:5], age)
-        if {array.dtype for array in floats} == _FLOATS:
-            ends[0], ends[1], ends[2], ends[3] = human[:4]
-            self._radius[:], self._age[:] = human.radius, age
+        ends = self._ends
+        if (
+            start.dtype is end.dtype is start_velocity.dtype is end_velocity.dtype is _FLOAT64
+            and radius.dtype is age.dtype is _FLOAT64
+        ):
+            ends[0], ends[1], ends[2], ends[3] = start, end, start_velocity, end_velocity
+            self._radius[:], self._age[:] = radius, age
         else:  # slower, but raises for what is no number
-            for mine, theirs in zip((*ends, self._radius, self._age), floats, strict=True):
+            for mine, theirs in zip((*ends, self._radius, self._age), (*human[:5], age), strict=True):
                 np.copyto(mine, theirs)
         np.copyto(self._valid, valid)
         np.copyto(self._person, human.person)
@@ -225,7 +231,7 @@ class HumanMonitor:
             age,
         )
         people = self._people
-        human = CapsuleSet(out[0], out[1], out[2], out[3], radius, people.names, people.person)
+        human = CapsuleSet(*out, radius, people.names, people.person)
         if blind:
             return Watch(human, age, True, blind, fresh)
         if worst < 0:

@@ -123,7 +123,7 @@ class VerifiedStop:
         state, still = self.expected, np.zeros(self.robot.n)
         plan_stop(state, self._bounds, self.dt, self._stored)
         make_plan_representable(self._stored, self._bounds)
-        self._tick = 0
+        self._tick, self._rests = 0, False
         self._verified = self._joints.begun and at_rest(state) and not violates(state, still, self._bounds, _ROUNDING)
 
     def watch(self, scene: Scene | None) -> Watch:
@@ -159,9 +159,11 @@ class VerifiedStop:
         joints = self._joints
         begun = joints.begun
         form = joints.read(robot, time)
-        if not begun or (self._tick and self._tick >= stop_length(self._stored) and not at_rest(self.expected)):
-            # there is a first reading, or a stop that nobody verified did not end in rest
-            self._replan()
+        if not begun or (self._tick and not self._rests and self._tick >= stop_length(self._stored)):
+            # there is a first reading, or a stop is over: that of a state that nobody verified may not end in rest
+            self._rests = begun and at_rest(self.expected)
+            if not self._rests:
+                self._replan()
         leapt = joints.late > 0 and not form and not self._catch_up(joints.seen, joints.late)
         wrong = joints.judge(form)
         if wrong and joints.persistent and not self._told:
@@ -287,7 +289,7 @@ class VerifiedStop:
             self._tick += 1
         else:
             self._stored, self._next = self._next, self._stored
-            self._tick, self._verified = 0, True
+            self._tick, self._verified, self._rests = 0, True, False
         self._joints.expected, self._after = self._after, self._joints.expected
         return Verdict(jerk, proposed, reason, self._verified)
 
