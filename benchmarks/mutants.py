@@ -203,7 +203,12 @@ MUTANTS = [
         (KERNELS, "levers"),
     ),
     _guard("stored stop not swapped", "self._stored, self._next = self._next, self._stored\n", "pass\n", PROMISES),
-    _guard("stored stop's tick not reset", "self._tick, self._verified = 0, True", "self._verified = True", PROMISES),
+    _guard(
+        "stored stop's tick not reset",
+        "self._tick, self._verified, self._rests = 0, True, False",
+        "self._verified, self._rests = True, False",
+        PROMISES,
+    ),
     _guard(
         "stored stop goes on two ticks",
         "            self._tick += 1\n        else:",
