@@ -51,7 +51,7 @@ class Watch(NamedTuple):
         return human._replace(start=start, end=end)
 
 
-_FLOAT64 = np.dtype(np.float64)
+_FLOAT64, _INT64, _BOOL = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
 
 
 def _unlike(human: Any, age: Any, valid: Any) -> str:
@@ -176,14 +176,16 @@ class HumanMonitor:
         if (
             start.dtype is end.dtype is start_velocity.dtype is end_velocity.dtype is _FLOAT64
             and radius.dtype is age.dtype is _FLOAT64
+            and valid.dtype is _BOOL
+            and human.person.dtype is _INT64
         ):
             ends[0], ends[1], ends[2], ends[3] = start, end, start_velocity, end_velocity
-            self._radius[:], self._age[:] = radius, age
+            self._radius[:], self._age[:], self._valid[:], self._person[:] = radius, age, valid, human.person
         else:  # slower, but raises for what is no number
             for mine, theirs in zip((*ends, self._radius, self._age), (*human[:5], age), strict=True):
                 np.copyto(mine, theirs)
-        np.copyto(self._valid, valid)
-        np.copyto(self._person, human.person)
+            np.copyto(self._valid, valid)
+            np.copyto(self._person, human.person)
         if not self._begun:
             self._tracks["person"] = self._person
             empty = self._ends[0].copy()

@@ -85,7 +85,7 @@ class VerifiedStop:
         self._after, self._posture, self._fastest = np.zeros((3, n)), np.zeros((3, n)), np.zeros(n)
         self._frames, self._segments = records(n, FRAME), records(len(robot.capsules), SEGMENT)
         self._agents, self._statics, self._planes = records(0, AGENT), records(0, AGENT), records(0, PLANE)
-        self._told = False
+        self._reach, self._told = np.empty(0), False
         self.reset(None)
 
     def reset(self, robot: Any) -> None:
@@ -261,8 +261,8 @@ class VerifiedStop:
         people = watch.human
         params, n = self.params, self.robot.n
         if len(self._agents) != len(people.radius):
-            self._agents = records(len(people.radius), AGENT)
-        jerk, halt, reach = np.empty(n), np.empty(n), np.empty(len(self._agents))
+            self._agents, self._reach = records(len(people.radius), AGENT), np.empty(len(people.radius))
+        jerk, reach = np.empty(n), self._reach
         load_people(
             people.start,
             people.end,
@@ -279,6 +279,7 @@ class VerifiedStop:
         carried = int(self.robot.capsules[row]["link"]) + 1 if row >= 0 else n
         proposed = which == 0
         if not proposed:
+            halt = np.empty(n)
             stop_jerk(self._stored, self._tick, halt)
             if carried < n:
                 which = self._choose(state, amend(carried, halt), reach, jerk)[0]

@@ -179,7 +179,7 @@ class SafetyFilter(ABC):
                 if valid.shape != human.radius.shape or valid.dtype != np.bool_:
                     raise ValueError(f"valid has shape {valid.shape} for {len(human.radius)} capsules")
             else:  # what is believed is sound
-                self._incoming[:] = guard.expected
+                self._incoming = guard.expected.copy()
                 human, count = watch.present(), len(watch.age)
                 if len(self._valid) != count or len(self._agents) != count:
                     self._valid, self._agents = np.ones(count, np.bool_), records(count, AGENT)
