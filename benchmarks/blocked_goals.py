@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jssa_gym.envs import TASKS, ArmEnv
-from jssa_gym.evaluation.events import longest
+from jssa_gym.evaluation.spans import longest
 from jssa_gym.evaluation.statistics import Rate, bootstrap_interval
 from jssa_gym.exceptions import JSSAGymError, ParameterError
 from jssa_gym.humans import HUMANS, nobody

@@ -2,7 +2,7 @@
 
 The paper's person was moved by mouse and is not published. This searches a family of walks for one with which the
 filter *as published*, λ = (3, 1), gives the numbers of Fig. 6; the result is frozen in
-``jssa_gym/evaluation/paper.py``. Fig. 8 and Table 1 play no part in the search.
+``jssa_gym/paper/person.py``. Fig. 8 and Table 1 play no part in the search.
 
 The person starts to the left of the arm and walks to its front until 1.84 s (in Fig. 6 the left arm is closest at
 first), then towards it, slowing down as the distance D falls: at c D²/λ₁, where c = 1 is the speed that triggers the
@@ -25,11 +25,11 @@ import time
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
-from jssa_gym.evaluation import paper
-from jssa_gym.evaluation.claims import sequence
-from jssa_gym.evaluation.reproduction import SHIELDS, play
 from jssa_gym.exceptions import JSSAGymError
 from jssa_gym.humans import Body
+from jssa_gym.paper import person, reported
+from jssa_gym.paper.claims import sequence
+from jssa_gym.paper.experiments import SHIELDS, play
 from jssa_gym.robots import lr_mate_200id_7l
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import JointState, Planes
@@ -97,11 +97,11 @@ def score(p: np.ndarray) -> float:
     """The objective; see above."""
     try:
         trace, limits = play(
-            lambda env: SHIELDS["as published"](env, LAMBDA1, LAMBDA2), "", STEPS, paper.walk(table(p))
+            lambda env: SHIELDS["as published"](env, LAMBDA1, LAMBDA2), "", STEPS, person.walk(table(p))
         )
     except JSSAGymError:
         return 1e3
-    seen, wanted = paper.measures(trace, limits), paper.FIG6
+    seen, wanted = reported.measures(trace, limits), reported.FIG6
     if seen.first_trigger is None:
         return 500.0
     links, jerk = sequence(trace.pair[:, 1]), np.abs(trace.jerk).max()
@@ -110,10 +110,10 @@ def score(p: np.ndarray) -> float:
         + ((seen.last_trigger - wanted.last_trigger) / 0.1) ** 2
         + ((seen.min_distance - wanted.min_distance) / 0.02) ** 2
         + ((seen.active_duration - wanted.active_duration) / 0.1) ** 2
-        + max(jerk / paper.FIG6_JERK - 1.0, 0.0) ** 2
-        + 3.0 * (links != paper.FIG6_HUMAN_LINKS)
-        + 2.0 * (links[0] != paper.FIG6_HUMAN_LINKS[0])
-        + 20.0 * (trace.pair[:, 0] != paper.FIG6_ROBOT_LINK - 1).mean()
+        + max(jerk / reported.FIG6_JERK - 1.0, 0.0) ** 2
+        + 3.0 * (links != reported.FIG6_HUMAN_LINKS)
+        + 2.0 * (links[0] != reported.FIG6_HUMAN_LINKS[0])
+        + 20.0 * (trace.pair[:, 0] != reported.FIG6_ROBOT_LINK - 1).mean()
     )
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from jssa_gym.evaluation.fields import markdown, metrics_of
+from jssa_gym.evaluation.definitions import markdown, metrics_of
 from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.steps import StepSummary
 

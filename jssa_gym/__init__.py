@@ -13,6 +13,8 @@ from gymnasium.envs.registration import WrapperSpec
 from jssa_gym.exceptions import JSSAGymError
 
 if TYPE_CHECKING:
+    from jssa_gym.certificate.boundary import Domain
+    from jssa_gym.certificate.certify import certify
     from jssa_gym.control import JPCAction
     from jssa_gym.envs.arm import ArmEnv
     from jssa_gym.envs.check import EnvReport, check_env
@@ -31,8 +33,6 @@ if TYPE_CHECKING:
         load_policy,
     )
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
-    from jssa_gym.safety.boundary import Domain
-    from jssa_gym.safety.certify import certify
     from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.safety.tracking import measure_tracking
@@ -46,7 +46,7 @@ _HOMES = {
     "ArmEnv": "jssa_gym.envs.arm",
     "CapsuleSet": "jssa_gym.types",
     "Decision": "jssa_gym.types",
-    "Domain": "jssa_gym.safety.boundary",
+    "Domain": "jssa_gym.certificate.boundary",
     "EnvReport": "jssa_gym.envs.check",
     "FAULTS": "jssa_gym.envs.faults",
     "FILTERS": "jssa_gym.shields",
@@ -74,7 +74,7 @@ _HOMES = {
     "Shield": "jssa_gym.shields",
     "Status": "jssa_gym.types",
     "StraightPolicy": "jssa_gym.policies",
-    "certify": "jssa_gym.safety.certify",
+    "certify": "jssa_gym.certificate.certify",
     "check_env": "jssa_gym.envs.check",
     "evaluate": "jssa_gym.evaluation",
     "load_policy": "jssa_gym.policies",
@@ -126,7 +126,10 @@ __all__ = [
 ]
 
 
-_PACKAGES = ("control", "envs", "evaluation", "humans", "plots", "policies", "robots", "safety", "shields", "types")
+_PACKAGES = (
+    *("certificate", "control", "envs", "evaluation", "humans", "paper", "plots", "policies", "robots", "safety"),
+    *("shields", "types"),
+)
 
 
 def __getattr__(name: str) -> Any:

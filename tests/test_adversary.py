@@ -1,13 +1,18 @@
-"""The search for people and policies that break a shield."""
+"""The search for people and policies that break a shield, ``benchmarks/attack.py``."""
+
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from jssa_gym.evaluation.adversary import Attack, play, search
 from jssa_gym.exceptions import ParameterError
 
+BENCH = runpy.run_path(str(Path(__file__).parent.parent / "benchmarks" / "attack.py"))
+Attack, play, search = BENCH["Attack"], BENCH["play"], BENCH["search"]
 
-def attack(seed: int = 0) -> Attack:
+
+def attack(seed: int = 0):
     rng = np.random.default_rng(seed)
     return Attack(rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (4, 6)), rng.uniform(-1, 1, 2))
 

@@ -9,13 +9,13 @@ import pytest
 
 import jssa_gym
 from jssa_gym import FILTERS
+from jssa_gym.cli import stopwatch
 from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.compare import Compare
 from jssa_gym.cli.demo import Demo
 from jssa_gym.cli.evaluate import Evaluate
 from jssa_gym.cli.reproduce import Reproduce
 from jssa_gym.cli.stress import Stress
-from jssa_gym.evaluation import benchmark
 from jssa_gym.evaluation.blocked import commonest
 from jssa_gym.exceptions import BlockedError
 from jssa_gym.shields.jssa import JSSAFilter
@@ -151,9 +151,9 @@ def test_demo_says_which_shield_and_fails(broken_jssa, capsys, tmp_path):
 
 
 def test_bench_says_which_times_and_fails(broken_jssa, capsys, monkeypatch):
-    monkeypatch.setattr(benchmark, "time_projectors", lambda *told: [])
-    monkeypatch.setattr(benchmark, "time_distances", lambda *told: [])
-    monkeypatch.setattr(benchmark, "cbfpy_missing", lambda: "not here")
+    monkeypatch.setattr(stopwatch, "time_projectors", lambda *told: [])
+    monkeypatch.setattr(stopwatch, "time_distances", lambda *told: [])
+    monkeypatch.setattr(stopwatch, "cbfpy_missing", lambda: "not here")
     fails(Bench(rounds=1, compile=False))
     out, err = capsys.readouterr()
     lines = [line for line in err.splitlines() if line.startswith("warning")]

@@ -9,8 +9,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jssa_gym
+from jssa_gym.certificate import lambda_map
+from jssa_gym.certificate.boundary import KEPT, Boundary, Domain
+from jssa_gym.certificate.census import Census, Counts, largest_part, mark
+from jssa_gym.certificate.certify import certify, moved_capsules
+from jssa_gym.certificate.chunks import StateChunk, generator, run
+from jssa_gym.certificate.counterexample import load_counterexample, play_on, save_counterexample
+from jssa_gym.certificate.lambda_map import sweep
+from jssa_gym.certificate.search import worsen
 from jssa_gym.evaluation import judge
-from jssa_gym.evaluation.counterexample import load_counterexample, play_on, save_counterexample
 from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace
 from jssa_gym.exceptions import MissingExtraError, ParameterError, TraceError
 from jssa_gym.kernels.chain import forward, place
@@ -18,15 +25,8 @@ from jssa_gym.kernels.index import advance, assess
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.robots import lr_mate_200id_7l
-from jssa_gym.safety import lambda_map
-from jssa_gym.safety.boundary import KEPT, Boundary, Domain
-from jssa_gym.safety.census import Census, Counts, largest_part, mark
-from jssa_gym.safety.certify import certify, moved_capsules
-from jssa_gym.safety.chunks import Chunk, generator, run
 from jssa_gym.safety.condition import fastest_approach, needed_jerk, propose, suffices
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.safety.lambda_map import sweep
-from jssa_gym.safety.search import worsen
 
 ROBOT = lr_mate_200id_7l()
 DT = 0.008
@@ -135,7 +135,7 @@ def test_a_batch_is_bitwise_its_single_states():
 
 
 def test_the_counts_do_not_depend_on_threads_or_on_who_ends_first():
-    chunks = [Chunk(boundary(capsule=name), k, 1500, 7) for name in ("elbow", "wrist_tool") for k in range(3)]
+    chunks = [StateChunk(boundary(capsule=name), k, 1500, 7) for name in ("elbow", "wrist_tool") for k in range(3)]
     serial = {chunk.key: census.plain() for chunk, census in run(chunks, 1)}
     threaded = {chunk.key: census.plain() for chunk, census in run(chunks[::-1], 3)}
     assert serial == threaded
@@ -384,7 +384,7 @@ def test_a_state_of_another_robot_is_an_error(shoulder, toy_robot):
 
 
 def test_an_interrupted_certificate_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr("jssa_gym.safety.certify._CHUNK", 500)
+    monkeypatch.setattr("jssa_gym.certificate.certify._CHUNK", 500)
     asked = {"domain": SLOW, "capsules": ("wrist_tool",), "seed": 2, "search": False}
     whole = certify(ROBOT, PAPER, states=600, **asked).plain()
     seen = []

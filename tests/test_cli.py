@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from jssa_gym import plots
-from jssa_gym.cli import main
+from jssa_gym.cli import main, stopwatch
 from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.files import write_json
 from jssa_gym.envs import TASKS
-from jssa_gym.evaluation import Summary, benchmark
+from jssa_gym.evaluation import Summary
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
 from jssa_gym.exceptions import MissingExtraError
 from jssa_gym.policies import POLICIES, shipped_policies
@@ -328,14 +328,14 @@ def test_bench_measures_everything_and_agrees_with_mujoco():
 def test_bench_says_why_cbfpy_is_missing(monkeypatch, capsys, tmp_path, installed, clone, said):
     """The measurements stand still: this is about what the command says of the one it cannot make."""
     for name in ("time_decisions", "time_projectors", "time_distances"):
-        monkeypatch.setattr(benchmark, name, lambda *arguments: [])
-    monkeypatch.setattr(benchmark, "record_scenes", lambda *arguments: (None, None, None))
-    monkeypatch.setattr(benchmark, "time_steps", lambda make, name, steps: benchmark.Timing(name, 1e-6, 2e-6, 1))
+        monkeypatch.setattr(stopwatch, name, lambda *arguments: [])
+    monkeypatch.setattr(stopwatch, "record_scenes", lambda *arguments: (None, None, None))
+    monkeypatch.setattr(stopwatch, "time_steps", lambda make, name, steps: stopwatch.Timing(name, 1e-6, 2e-6, 1))
     peer = tmp_path / "cbfpy_peer.py"
     if clone:
         peer.write_text("print('times of another')")
-    monkeypatch.setattr(benchmark, "_CBFPY", peer)
-    monkeypatch.setattr(benchmark.importlib.util, "find_spec", lambda name: object() if installed else None)
+    monkeypatch.setattr(stopwatch, "_CBFPY", peer)
+    monkeypatch.setattr(stopwatch.importlib.util, "find_spec", lambda name: object() if installed else None)
     Bench(compile=False).run()
     out, err = capsys.readouterr()
     assert "env.step" in out

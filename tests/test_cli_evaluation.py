@@ -17,7 +17,7 @@ from jssa_gym.cli.evaluate import Evaluate, Separation
 from jssa_gym.cli.replay import Replay
 from jssa_gym.evaluation import load_trace, read_meta, save_trace
 from jssa_gym.evaluation.identity import code_version
-from jssa_gym.evaluation.stage import played_again, recorded_setting
+from jssa_gym.evaluation.play import played_again, recorded_setting
 from jssa_gym.exceptions import MissingExtraError, ParameterError
 
 

@@ -8,7 +8,7 @@ import pytest
 import jssa_gym
 from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import geometry, rollout, summarise
-from jssa_gym.evaluation.events import spans
+from jssa_gym.evaluation.spans import spans
 from jssa_gym.kernels.motion import integrate, violates
 from jssa_gym.kernels.records import STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk

@@ -38,14 +38,14 @@ from jssa_gym.evaluation import (
     summarise,
 )
 from jssa_gym.evaluation.campaign import SPACING
-from jssa_gym.evaluation.events import longest, spans
 from jssa_gym.evaluation.html import _keys, page
 from jssa_gym.evaluation.leaderboard import PAIRED_RATES, profile, standings
 from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.plans import Setting, Single
+from jssa_gym.evaluation.play import Scored, digest_of, played_again, score
 from jssa_gym.evaluation.report import METRICS, column
 from jssa_gym.evaluation.runner import complete
-from jssa_gym.evaluation.stage import Scored, digest_of, played_again, score
+from jssa_gym.evaluation.spans import longest, spans
 from jssa_gym.evaluation.svg import Panel, colour, dashes, marker, ticks
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.evaluation.workers import run
@@ -380,7 +380,7 @@ def test_a_finished_study_is_read_not_played(finished, monkeypatch):
     def fails(*arguments):
         raise AssertionError("played")
 
-    monkeypatch.setattr("jssa_gym.evaluation.stage.Stage.record", fails)
+    monkeypatch.setattr("jssa_gym.evaluation.play.Player.record", fails)
     folder, reports = finished
     seen = []
     assert complete(TINY, folder, keep=2, progress=lambda *count: seen.append(count)) == reports

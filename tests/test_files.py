@@ -14,13 +14,14 @@ import pytest
 
 import jssa_gym
 from jssa_gym import plots, storage
+from jssa_gym.certificate.chunks import ChunkFile
 from jssa_gym.cli import main
 from jssa_gym.cli.files import write_figure, write_json
 from jssa_gym.evaluation import load_trace
 from jssa_gym.evaluation.ledger import Ledger, trace_name
 from jssa_gym.evaluation.plans import Study
+from jssa_gym.evaluation.play import Scored
 from jssa_gym.evaluation.report import write_reports
-from jssa_gym.evaluation.stage import Scored
 from jssa_gym.exceptions import (
     CheckpointError,
     JSSAGymError,
@@ -35,7 +36,6 @@ from jssa_gym.humans import bvh
 from jssa_gym.humans.recording import Recording
 from jssa_gym.policies import load_policy, save_policy, shipped_policies
 from jssa_gym.robots import make_robot
-from jssa_gym.safety.chunks import ChunkFile
 from jssa_gym.storage import append_whole, file_name, read_text, read_whole, whole_file, write_whole
 from jssa_gym.train.checkpoint import read_checkpoint
 from jssa_gym.train.history import write_history

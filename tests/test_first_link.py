@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jssa_gym
-from jssa_gym.evaluation.replay import judge
+from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.humans import nobody
 from jssa_gym.robots import RobotModel

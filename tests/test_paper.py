@@ -9,12 +9,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jssa_gym.cli import main
-from jssa_gym.evaluation import claims, handover_claims, index_claims, paper, reproduction
-from jssa_gym.evaluation.claims import Claim, Verdict
-from jssa_gym.evaluation.handover import BEGIN, Delivery
-from jssa_gym.evaluation.paper import Measures
-from jssa_gym.evaluation.reproduction import SHIELDS
 from jssa_gym.exceptions import RecordingError
+from jssa_gym.paper import claims, experiments, handover_claims, index_claims, person, reported
+from jssa_gym.paper.claims import Claim, Evidence
+from jssa_gym.paper.experiments import SHIELDS
+from jssa_gym.paper.handover import BEGIN, Delivery
+from jssa_gym.paper.reported import Measures
 from jssa_gym.safety.condition import fastest_approach
 from jssa_gym.safety.index import IndexParams
 
@@ -24,13 +24,13 @@ PAPERS = IndexParams(lambda1=3.0, lambda2=1.0)
 
 @pytest.fixture(scope="module")
 def avoidance():
-    return reproduction.avoidance()
+    return experiments.avoidance()
 
 
 @pytest.fixture(scope="module")
 def corners():
     """Table 1's corners: what its trends are judged by."""
-    return reproduction.sensitivity(values=(6.0, 8.0))
+    return experiments.sensitivity(values=(6.0, 8.0))
 
 
 def holds(found: list[Claim], shield: str) -> dict[str, bool]:
@@ -42,25 +42,25 @@ def holds(found: list[Claim], shield: str) -> dict[str, bool]:
 
 def test_the_stand_in_comes_near_the_numbers_of_fig_6(avoidance):
     traces, limits = avoidance
-    seen = paper.measures(traces[PUBLISHED], limits)
-    assert seen.min_distance == pytest.approx(paper.FIG6.min_distance, abs=0.005)
-    assert seen.first_trigger == pytest.approx(paper.FIG6.first_trigger, abs=0.1)
-    assert seen.last_trigger == pytest.approx(paper.FIG6.last_trigger, abs=0.05)
-    assert seen.active_duration == pytest.approx(paper.FIG6.active_duration, abs=0.05)
+    seen = reported.measures(traces[PUBLISHED], limits)
+    assert seen.min_distance == pytest.approx(reported.FIG6.min_distance, abs=0.005)
+    assert seen.first_trigger == pytest.approx(reported.FIG6.first_trigger, abs=0.1)
+    assert seen.last_trigger == pytest.approx(reported.FIG6.last_trigger, abs=0.05)
+    assert seen.active_duration == pytest.approx(reported.FIG6.active_duration, abs=0.05)
 
 
 def test_the_stand_in_walks_as_fast_as_people_do():
-    human = paper.stand_in()
+    human = person.stand_in()
     rng = np.random.default_rng(0)
     people = [human.reset(rng)]
-    for _ in range(paper.STEPS):
+    for _ in range(reported.STEPS):
         people.append(human.step(0.008, people[0]))
     speed = np.linalg.norm([p.start_velocity[0] for p in people], axis=1)
     assert speed.max() < 1.6
     roots = np.array([p.start[0, :2] for p in people])
-    np.testing.assert_allclose(roots[0], paper._WALK[0][1:])
+    np.testing.assert_allclose(roots[0], person._WALK[0][1:])
     # it is where its table says at the table's times
-    for time, x, y in paper._WALK:
+    for time, x, y in person._WALK:
         step = round(time / 0.008)
         np.testing.assert_allclose(roots[step], (x, y), atol=1.6 * 0.008)
 
@@ -70,7 +70,7 @@ def test_the_stand_in_walks_as_fast_as_people_do():
 )
 def test_a_walk_along_no_table_is_an_error(table):
     with pytest.raises(RecordingError):
-        paper.walk(table)
+        person.walk(table)
 
 
 # ---- Fig. 6 ------------------------------------------------------------------------------------------
@@ -120,15 +120,15 @@ def test_all_layers_keep_what_lambda1_does_to_distance_and_duration(corners):
 
 
 def test_the_papers_own_table_bears_its_claims_out():
-    found = claims.sensitivity_claims({PUBLISHED: paper.TABLE1})
+    found = claims.sensitivity_claims({PUBLISHED: reported.TABLE1})
     assert all(claim.verdicts[claims.PAPER].holds for claim in found)
 
 
 def test_a_trend_that_goes_the_other_way_is_seen():
-    backwards = {(14.0 - a, 14.0 - b): entry for (a, b), entry in paper.TABLE1.items()}
+    backwards = {(14.0 - a, 14.0 - b): entry for (a, b), entry in reported.TABLE1.items()}
     found = claims.sensitivity_claims({PUBLISHED: backwards})
     assert not any(claim.reproduced for claim in found)
-    level = dict.fromkeys(paper.TABLE1, Measures(0.3, None, None, 0.0, 0.5, 0.3))
+    level = dict.fromkeys(reported.TABLE1, Measures(0.3, None, None, 0.0, 0.5, 0.3))
     assert not any(claim.reproduced for claim in claims.sensitivity_claims({PUBLISHED: level}))
 
 
@@ -139,7 +139,7 @@ def test_the_ssa_saturates_more_but_comes_hardly_closer_and_acts_for_less():
     """Of Fig. 8, the saturated jerk and the restlessness come out. The person slows down so much that neither filter
     has much to do: the SSA comes 2 mm closer, and it forgets the approach that it has stopped.
     """
-    traces, limits = reproduction.comparison()
+    traces, limits = experiments.comparison()
     baseline = traces.pop("SSA")
     found = claims.comparison_claims(baseline, traces, limits)
     assert holds(found, PUBLISHED) == {
@@ -162,8 +162,8 @@ def test_ssa_is_closer_and_more_saturated_where_the_person_walks_faster():
             start=2.2, nearest=(0.8, 0.8), side=(0.0, 0.0), speed=(0.8, 0.8), wait=(0.1, 0.1), stay=(0.5, 0.5)
         )
 
-    one, limits = reproduction.play(reproduction.ssa, "", 550, human())
-    other, _ = reproduction.play(lambda env: SHIELDS[PUBLISHED](env, 3.0, 1.0), "", 550, human())
+    one, limits = experiments.play(experiments.ssa, "", 550, human())
+    other, _ = experiments.play(lambda env: SHIELDS[PUBLISHED](env, 3.0, 1.0), "", 550, human())
     assert one.distance.min() < other.distance.min()
     assert claims.saturation(one, limits) > claims.saturation(other, limits)
 
@@ -202,7 +202,7 @@ def test_the_portraits_say_what_the_paper_says():
 
 def test_the_handover_yields_and_replans_but_does_not_arrive():
     """φ ≤ 0 allows an approach of D²/λ₁ at most: at 0.3 m, 3 cm/s, far below what the controller plans."""
-    from jssa_gym.evaluation.handover import deliver
+    from jssa_gym.paper.handover import deliver
     from jssa_gym.shields import JSSAShield
 
     run = deliver(JSSAShield.as_published, PUBLISHED, 450)
@@ -260,7 +260,7 @@ def test_critical_links_are_listed_in_their_order():
 
 
 def test_a_claim_is_reproduced_if_the_published_filter_bears_it_out():
-    yes, no = Verdict(np.True_, ""), Verdict(np.False_, "")
+    yes, no = Evidence(np.True_, ""), Evidence(np.False_, "")
     assert type(yes.holds) is bool
     assert Claim("", "", {claims.PAPER: no, PUBLISHED: yes, OURS: no}).reproduced
     assert not Claim("", "", {claims.PAPER: yes, PUBLISHED: no, OURS: yes}).reproduced
@@ -317,6 +317,6 @@ def test_the_figures_have_their_panels(part):
         figure = plots.sensitivity({"one": table}, (6, 7), (6, 7), ("a", "b"))
         assert [len(axes.texts) for axes in figure.axes] == [4, 0]
     else:
-        trace, _ = reproduction.play(lambda env: env, "bare", 20)
-        run = plots.Tracking(trace, np.zeros((20, 3)), np.ones((20, 3)), np.arange(20) == 5)
+        trace, limits = experiments.play(lambda env: env, "bare", 20)
+        run = Delivery(trace, np.zeros((20, 3)), np.ones((20, 3)), np.arange(20) == 5, limits)
         assert len(plots.handovers([run, run], 0.05).axes) == 8

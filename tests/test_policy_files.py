@@ -24,8 +24,8 @@ from jssa_gym.control.commands import MODES
 from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.evaluation.ledger import trace_name
 from jssa_gym.evaluation.plans import Single, Study
+from jssa_gym.evaluation.play import Player
 from jssa_gym.evaluation.runner import complete
-from jssa_gym.evaluation.stage import Stage
 from jssa_gym.exceptions import JSSAGymError, ParameterError, PolicyFileError, StorageError
 from jssa_gym.policies import LearnedPolicy, Network, policy_file, read_policy, save_policy, shipped_policies
 
@@ -758,13 +758,13 @@ class TestEvaluation:
     def test_a_file_that_changes_on_the_way_is_noticed(self, reach, saved, tmp_path):
         study = Study(("reach",), ("none",), ("random",), (str(saved),), steps=3)
         single = Single("jssa_gym/Reach-v0", str(saved), steps=3)
-        stages = [Stage(plan, next(iter(plan.seeds()))) for plan in (study, single)]
-        for stage in stages:
-            stage.record(0)
+        players = [Player(plan, next(iter(plan.seeds()))) for plan in (study, single)]
+        for player in players:
+            player.record(0)
         save_policy(saved, learned(reach, seed=1))  # as a training does with its best
-        for stage in stages:
+        for player in players:
             with pytest.raises(PolicyFileError, match="changed while it was being evaluated"):
-                stage.record(1)
+                player.record(1)
 
     def test_a_policy_of_another_task_is_refused(self, saved, policy):
         for given in (str(saved), policy):

@@ -20,7 +20,7 @@ from jssa_gym.policies import load_policy
 from jssa_gym.shields import Shield
 from jssa_gym.train import TrainConfig, build, control_env, loop, preset, to_policy, train, training_env
 from jssa_gym.train.config import EVALUATION_SEED
-from jssa_gym.train.history import Tally, as_rows, from_rows
+from jssa_gym.train.history import EpisodeCounter, as_rows, from_rows
 
 
 @pytest.fixture(autouse=True)
@@ -72,14 +72,14 @@ def test_a_training_leaves_what_it_promises(tmp_path):
 
 def test_a_leg_counts_every_episode_once_and_without_penalties(tmp_path, monkeypatch):
     ended = []
-    real = Tally.take
+    real = EpisodeCounter.take
 
     def take(tally, info):
         real(tally, info)
         if "safety" in info:
             ended.append((info["safety"], info["episode"]["r"]))
 
-    monkeypatch.setattr(Tally, "take", take)
+    monkeypatch.setattr(EpisodeCounter, "take", take)
     config = tiny(
         human="pursuit",
         learn_from="penalty",

@@ -8,11 +8,11 @@ from typing import Any
 import gymnasium as gym
 from rich.table import Table
 
+from jssa_gym.cli import stopwatch
 from jssa_gym.cli.demo import paper_scene
 from jssa_gym.cli.progress import transient
+from jssa_gym.cli.stopwatch import Timing
 from jssa_gym.cli.terminal import Terminal
-from jssa_gym.evaluation import benchmark
-from jssa_gym.evaluation.benchmark import Timing
 from jssa_gym.evaluation.blocked import warning
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields import JSSAShield
@@ -41,29 +41,29 @@ class Bench:
             def done(next_task: str) -> None:
                 progress.update(task, advance=1, description=next_task)
 
-            robot, dt, scenes = benchmark.record_scenes(paper_scene(0.8))
+            robot, dt, scenes = stopwatch.record_scenes(paper_scene(0.8))
             done("decisions")
-            timings += benchmark.time_decisions(robot, dt, scenes, self.rounds)
+            timings += stopwatch.time_decisions(robot, dt, scenes, self.rounds)
             done("steps")
             plain = lambda: gym.make("jssa_gym/Home-v0", human=paper_scene(0.8), terminate_on=())  # noqa: E731
             steps = 1000 * self.rounds
-            timings.append(benchmark.time_steps(plain, "env.step", steps))
+            timings.append(stopwatch.time_steps(plain, "env.step", steps))
             for name, shield in (
                 ("env.step, shielded, rows alone", lambda: JSSAShield(plain(), viability=False, failsafe=False)),
                 ("env.step, shielded, all layers", lambda: JSSAShield(plain())),
             ):
-                timings.append(benchmark.time_steps(shield, name, steps))
+                timings.append(stopwatch.time_steps(shield, name, steps))
             done("projections")
-            timings += benchmark.time_projectors(robot, dt, scenes, max(self.rounds // 5, 1))
+            timings += stopwatch.time_projectors(robot, dt, scenes, max(self.rounds // 5, 1))
             done("distances")
-            timings += benchmark.time_distances(robot, scenes, self.rounds)
+            timings += stopwatch.time_distances(robot, scenes, self.rounds)
             done("first use")
             if self.compile:
-                first = benchmark.time_first_use()
+                first = stopwatch.time_first_use()
             done("cbfpy, if it is installed")
-            peer = benchmark.cbfpy_report()
+            peer = stopwatch.cbfpy_report()
             done("")
-        if missing := benchmark.cbfpy_missing():
+        if missing := stopwatch.cbfpy_missing():
             Terminal(stderr=True).say(f"no times of CBFpy: {missing}")
         blocked = [timing for timing in timings if timing.blocked]
         for timing in blocked:

@@ -11,17 +11,17 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from jssa_gym import plots
+from jssa_gym.certificate.boundary import KEPT, Domain
+from jssa_gym.certificate.census import Part
+from jssa_gym.certificate.certify import Certificate, certify
+from jssa_gym.certificate.counterexample import load_counterexample, play_on, save_counterexample
+from jssa_gym.certificate.lambda_map import LambdaMap, sweep
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import judge
-from jssa_gym.evaluation.counterexample import load_counterexample, play_on, save_counterexample
 from jssa_gym.robots import make_robot
-from jssa_gym.safety.boundary import KEPT, Domain
-from jssa_gym.safety.census import Part
-from jssa_gym.safety.certify import Certificate, certify
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.safety.lambda_map import LambdaMap, sweep
 from jssa_gym.storage import file_name
 from jssa_gym.validation import positive_integer
 

@@ -6,7 +6,7 @@ import tyro
 
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
-from jssa_gym.evaluation.guards import STOP, TASK_SHIELD
+from jssa_gym.evaluation.filters import STOP, TASK_SHIELD
 from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.shields import FILTERS
 

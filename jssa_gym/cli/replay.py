@@ -16,10 +16,10 @@ from jssa_gym.cli.film import EVERY, film, pictures, require_film
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.identity import code_version
-from jssa_gym.evaluation.replay import judge
-from jssa_gym.evaluation.stage import digest_of, played_again, recorded_setting
+from jssa_gym.evaluation.judge import judge
+from jssa_gym.evaluation.judgement import Judgement
+from jssa_gym.evaluation.play import digest_of, played_again, recorded_setting
 from jssa_gym.evaluation.trace import load_trace, read_meta
-from jssa_gym.evaluation.verdict import Verdict
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import ROBOTS, RobotModel, make_robot
 from jssa_gym.text import counted
@@ -107,7 +107,7 @@ class Replay:
         console.say(f"wrote {', '.join(map(str, written))}")
 
 
-def _tell(verdict: Verdict, console: Terminal) -> None:
+def _tell(verdict: Judgement, console: Terminal) -> None:
     word = "agrees" if verdict.same_course else "DISAGREES"
     console.say(
         f"MuJoCo {word} at {verdict.samples} moments: smallest distance {verdict.distance:.4g} m, "

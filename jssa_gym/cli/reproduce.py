@@ -16,11 +16,11 @@ from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
-from jssa_gym.evaluation import claims, handover_claims, index_claims, paper, reproduction
 from jssa_gym.evaluation.blocked import blocked, warning
-from jssa_gym.evaluation.claims import PAPER, Claim, Grid
-from jssa_gym.evaluation.paper import COLUMNS, Measures
-from jssa_gym.evaluation.reproduction import SHIELDS
+from jssa_gym.paper import claims, experiments, handover_claims, index_claims, reported
+from jssa_gym.paper.claims import PAPER, Claim, Grid
+from jssa_gym.paper.experiments import SHIELDS
+from jssa_gym.paper.reported import COLUMNS, Measures
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Trace
 
@@ -60,42 +60,42 @@ def _fig7(done: Advance) -> Result:
 
 
 def _fig6(done: Advance) -> Result:
-    traces, limits = reproduction.avoidance(done)
+    traces, limits = experiments.avoidance(done)
     figure = plots.profile(list(traces.values()), limits, _INDEX.d_min)
-    measured = {PAPER: paper.FIG6} | {name: paper.measures(trace, limits) for name, trace in traces.items()}
+    measured = {PAPER: reported.FIG6} | {name: reported.measures(trace, limits) for name, trace in traces.items()}
     return Result(figure, measured, claims.avoidance_claims(traces, limits, _INDEX.d_min))
 
 
 def _fig8(done: Advance) -> Result:
-    traces, limits = reproduction.comparison(done)
+    traces, limits = experiments.comparison(done)
     figure = plots.profile(list(traces.values()), limits, _INDEX.d_min)
-    measured = {"paper, SSA": paper.FIG8, "paper, JSSA": paper.FIG6}
-    measured |= {name: paper.measures(trace, limits) for name, trace in traces.items()}
+    measured = {"paper, SSA": reported.FIG8, "paper, JSSA": reported.FIG6}
+    measured |= {name: reported.measures(trace, limits) for name, trace in traces.items()}
     baseline, *_ = traces
     rivals = {name: trace for name, trace in traces.items() if name != baseline}
     return Result(figure, measured, claims.comparison_claims(traces[baseline], rivals, limits))
 
 
 def _fig10(done: Advance) -> Result:
-    runs = reproduction.handovers(done)
-    drawn = [plots.Tracking(run.trace, run.tip, run.goal, run.replans) for run in runs.values()]
-    measured = {PAPER: paper.FIG10} | {name: paper.measures(run.trace, run.limits) for name, run in runs.items()}
-    figure = plots.handovers(drawn, _INDEX.d_min)
+    runs = experiments.handovers(done)
+    measured = {PAPER: reported.FIG10} | {name: reported.measures(run.trace, run.limits) for name, run in runs.items()}
+    figure = plots.handovers(list(runs.values()), _INDEX.d_min)
     return Result(figure, measured, handover_claims.handover_claims(runs, _INDEX.d_min))
 
 
 def _table1(done: Advance) -> Result:
-    tables: dict[str, Grid] = {**reproduction.sensitivity(done=done)}
-    every = {PAPER: paper.TABLE1, **tables}
+    tables: dict[str, Grid] = {**experiments.sensitivity(done=done)}
+    every = {PAPER: reported.TABLE1, **tables}
     arrays = {
-        name: np.array([[_row(table[a, b]) for a in paper.GRID] for b in paper.GRID]) for name, table in every.items()
+        name: np.array([[_row(table[a, b]) for a in reported.GRID] for b in reported.GRID])
+        for name, table in every.items()
     }
     titles = [f"{title} [{unit}]" for title, unit in COLUMNS.values()]
-    figure = plots.sensitivity(arrays, paper.GRID, paper.GRID, titles)
+    figure = plots.sensitivity(arrays, reported.GRID, reported.GRID, titles)
     measured = {
         f"λ = ({a:g}, {b:g}), {name}": table[a, b]
-        for b in paper.GRID
-        for a in paper.GRID
+        for b in reported.GRID
+        for a in reported.GRID
         for name, table in every.items()
     }
     return Result(figure, measured, claims.sensitivity_claims(tables))
@@ -107,7 +107,7 @@ PARTS: Mapping[str, tuple[Callable[[Advance], Result], int]] = {
     "fig7": (_fig7, 1),
     "fig8": (_fig8, len(SHIELDS) + 1),
     "fig10": (_fig10, 3),
-    "table1": (_table1, len(SHIELDS) * len(paper.GRID) ** 2),
+    "table1": (_table1, len(SHIELDS) * len(reported.GRID) ** 2),
 }
 """What makes each figure or table, and how often it says that something is done."""
 
@@ -168,7 +168,7 @@ def _plain(result: Result) -> dict[str, Any]:
     return {
         "measured": {name: dataclasses.asdict(measures) for name, measures in result.measured.items()},
         "claims": [
-            {**dataclasses.asdict(claim), "reproduced": claim.reproduced}  # verdicts are dataclasses too
+            {**dataclasses.asdict(claim), "reproduced": claim.reproduced}  # evidence is a dataclass too
             for claim in result.claims
         ],
     }
@@ -190,6 +190,6 @@ def _show(name: str, result: Result) -> None:
         table.add_column(source)
     table.add_column("")
     for claim in result.claims:
-        cells = (f"{'yes' if verdict.holds else 'no'}: {verdict.seen}" for verdict in claim.verdicts.values())
+        cells = (f"{'yes' if evidence.holds else 'no'}: {evidence.seen}" for evidence in claim.verdicts.values())
         table.add_row(claim.text, *cells, "reproduced" if claim.reproduced else Text("not reproduced", "bold"))
     console.print(table)

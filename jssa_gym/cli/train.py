@@ -17,7 +17,7 @@ from jssa_gym.cli.film import EVERY, film, require_film
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.tasks import TASKS
-from jssa_gym.evaluation.guards import TASK_SHIELD
+from jssa_gym.evaluation.filters import TASK_SHIELD
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.learned import LearnedPolicy

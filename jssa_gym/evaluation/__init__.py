@@ -1,11 +1,12 @@
 """Episodes, what they recorded, numbers about them, and a second judge."""
 
+from jssa_gym.evaluation.filters import put_filter
 from jssa_gym.evaluation.geometry import Geometry, geometry
-from jssa_gym.evaluation.guards import put_filter
+from jssa_gym.evaluation.judge import judge
+from jssa_gym.evaluation.judgement import Contact, Excess, Judgement, Overlap
 from jssa_gym.evaluation.metrics import SeparationParams, Summary, summarise
 from jssa_gym.evaluation.plans import Study, make_policy
 from jssa_gym.evaluation.record import RecordSafety
-from jssa_gym.evaluation.replay import judge
 from jssa_gym.evaluation.report import Report
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.runner import evaluate
@@ -22,12 +23,12 @@ from jssa_gym.evaluation.statistics import (
 )
 from jssa_gym.evaluation.steps import StepSummary
 from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace
-from jssa_gym.evaluation.verdict import Contact, Excess, Overlap, Verdict
 
 __all__ = [
     "Contact",
     "Excess",
     "Geometry",
+    "Judgement",
     "Mean",
     "Overlap",
     "PairedDifference",
@@ -39,7 +40,6 @@ __all__ = [
     "StepSummary",
     "Study",
     "Summary",
-    "Verdict",
     "bootstrap_interval",
     "clopper_pearson",
     "evaluate",

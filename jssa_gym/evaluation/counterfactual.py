@@ -17,7 +17,7 @@ arm; only one step is granted, not the plan behind it; and an onset shortly befo
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.evaluation.events import spans
+from jssa_gym.evaluation.spans import spans
 from jssa_gym.kernels.capsules import measure_agents, measure_planes, measure_self
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.motion import integrate

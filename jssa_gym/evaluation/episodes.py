@@ -14,8 +14,8 @@ from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.evaluation.campaign import Campaign, Cell
 from jssa_gym.evaluation.contenders import CONTENDERS, PEOPLE, shielded, within_assumptions
 from jssa_gym.evaluation.identity import code_version
+from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.ledger import Chunk, trace_name
-from jssa_gym.evaluation.replay import judge
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.policies import POLICIES, Policy

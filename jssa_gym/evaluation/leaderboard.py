@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from jssa_gym.evaluation.plans import Setting
+from jssa_gym.evaluation.play import Scored
 from jssa_gym.evaluation.report import Report, column
-from jssa_gym.evaluation.stage import Scored
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, mean_difference, paired_difference
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.types import Array

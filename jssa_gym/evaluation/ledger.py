@@ -17,19 +17,14 @@ from jssa_gym.storage import append_whole, file_name, read_text, read_whole, wri
 
 _TELLING = (
     "cli",
+    "paper",
     "plots",
     "rates.py",
     "viewer",
     "train",
-    "evaluation/benchmark.py",
-    "evaluation/claims.py",
-    "evaluation/handover.py",
     "evaluation/html.py",
-    "evaluation/index_claims.py",
     "evaluation/leaderboard.py",
-    "evaluation/paper.py",
     "evaluation/report.py",
-    "evaluation/reproduction.py",
     "evaluation/statistics.py",
     "evaluation/svg.py",
     "evaluation/tally.py",
@@ -61,7 +56,7 @@ def trace_name(cell: Sequence[str], seed: int) -> str:
     return f"{file_name('-'.join(part for part in cell if part))}-{seed}.npz"
 
 
-class Plan(Protocol):
+class EpisodePlan(Protocol):
     """What is to be played."""
 
     def seeds(self) -> Mapping[Any, Sequence[int]]:
@@ -97,7 +92,7 @@ class Row(Protocol):
         ...
 
 
-AnyPlan = TypeVar("AnyPlan", bound=Plan)
+AnyPlan = TypeVar("AnyPlan", bound=EpisodePlan)
 AnyCell = TypeVar("AnyCell")
 AnyRow = TypeVar("AnyRow", bound=Row)
 

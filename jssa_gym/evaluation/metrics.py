@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.envs.tasks import TASKS
-from jssa_gym.evaluation.events import spans
-from jssa_gym.evaluation.fields import Says
+from jssa_gym.evaluation.definitions import About
 from jssa_gym.evaluation.geometry import Geometry
+from jssa_gym.evaluation.spans import spans
 from jssa_gym.evaluation.steps import DEBOUNCE, Steps, StepSummary, summarise_steps
 from jssa_gym.evaluation.trace import every_step
 from jssa_gym.exceptions import ParameterError
@@ -60,65 +60,65 @@ class Summary(StepSummary):
 
     name: str
     n_collisions_robot_fault: Annotated[
-        int | None, Says("", "Contacts in which the robot's point moves in, the person's not.")
+        int | None, About("", "Contacts in which the robot's point moves in, the person's not.")
     ]
     n_collisions_human_fault: Annotated[
-        int | None, Says("", "Contacts in which the robot's point never moves in over v_safe.")
+        int | None, About("", "Contacts in which the robot's point never moves in over v_safe.")
     ]
-    n_collisions_shared_fault: Annotated[int | None, Says("", "Contacts in which both move in faster than v_safe.")]
-    n_collisions_self: Annotated[int | None, Says("", "Contacts of the arm with itself.")]
+    n_collisions_shared_fault: Annotated[int | None, About("", "Contacts in which both move in faster than v_safe.")]
+    n_collisions_self: Annotated[int | None, About("", "Contacts of the arm with itself.")]
     n_collisions_static: Annotated[
-        int | None, Says("", "Contacts of the arm with table or floor; a column that stands on it is none.")
+        int | None, About("", "Contacts of the arm with table or floor; a column that stands on it is none.")
     ]
     n_actions_not_finite: Annotated[
-        int, Says("steps", "Steps in which the policy's action was not finite, which a filter answers with a FAULT.")
+        int, About("steps", "Steps in which the policy's action was not finite, which a filter answers with a FAULT.")
     ]
     min_distance_arm: Annotated[
-        float | None, Says("m", "Smallest distance to people of the arm, but for its first link.")
+        float | None, About("m", "Smallest distance to people of the arm, but for its first link.")
     ]
-    ttc: Annotated[float | None, Says("s", "Smallest distance over closing speed; none if they never approach.")]
+    ttc: Annotated[float | None, About("s", "Smallest distance over closing speed; none if they never approach.")]
     ssm_margin: Annotated[
-        float | None, Says("m", "Smallest distance − S_p of any pair, of speed and separation monitoring.")
+        float | None, About("m", "Smallest distance − S_p of any pair, of speed and separation monitoring.")
     ]
-    ssm_violation_rate: Annotated[float | None, Says("", "Share of the steps with a pair's distance below its S_p.")]
-    ssm_violation_time: Annotated[float | None, Says("s", "Time with a pair's distance below its S_p.")]
+    ssm_violation_rate: Annotated[float | None, About("", "Share of the steps with a pair's distance below its S_p.")]
+    ssm_violation_time: Annotated[float | None, About("s", "Time with a pair's distance below its S_p.")]
     false_intervention_rate: Annotated[
         float | None,
-        Says("", "Share of the interventions in whose place the wanted jerk, then a stop, would have done no harm."),
+        About("", "Share of the interventions in whose place the wanted jerk, then a stop, would have done no harm."),
     ]
     true_phi_max: Annotated[
-        float | None, Says("m²", "Largest safety index that is measured, by the same λ for all filters.")
+        float | None, About("m²", "Largest safety index that is measured, by the same λ for all filters.")
     ]
-    true_phi_violation_rate: Annotated[float | None, Says("", "Share of the steps with that index above 0.")]
+    true_phi_violation_rate: Annotated[float | None, About("", "Share of the steps with that index above 0.")]
     true_forward_invariance_violations: Annotated[
-        int | None, Says("", "How often that index rose from ≤ 0 to above 0 in a step.")
+        int | None, About("", "How often that index rose from ≤ 0 to above 0 in a step.")
     ]
-    path_length: Annotated[float | None, Says("m", "Length of the way of the tool centre point.")]
+    path_length: Annotated[float | None, About("m", "Length of the way of the tool centre point.")]
     tracking_error: Annotated[
         float | None,
-        Says("m", "Mean distance of the tool centre point from its goal; none where that is no point."),
+        About("m", "Mean distance of the tool centre point from its goal; none where that is no point."),
     ]
-    tracking_error_end: Annotated[float | None, Says("m", "The same at the end of the episode.")]
-    jerk_rms: Annotated[float, Says("jerk bounds", "Root mean square, over steps and joints, of the applied jerk.")]
-    speed_limit_ratio: Annotated[float, Says("", "Largest joint speed over its limit.")]
-    acceleration_limit_ratio: Annotated[float, Says("", "Largest joint acceleration over its limit.")]
-    jerk_limit_ratio: Annotated[float, Says("", "Largest applied joint jerk over its bound.")]
-    position_violation_rate: Annotated[float, Says("", "Share of the steps with a joint outside its range.")]
-    velocity_violation_rate: Annotated[float, Says("", "Share of the steps with a joint faster than its limit.")]
+    tracking_error_end: Annotated[float | None, About("m", "The same at the end of the episode.")]
+    jerk_rms: Annotated[float, About("jerk bounds", "Root mean square, over steps and joints, of the applied jerk.")]
+    speed_limit_ratio: Annotated[float, About("", "Largest joint speed over its limit.")]
+    acceleration_limit_ratio: Annotated[float, About("", "Largest joint acceleration over its limit.")]
+    jerk_limit_ratio: Annotated[float, About("", "Largest applied joint jerk over its bound.")]
+    position_violation_rate: Annotated[float, About("", "Share of the steps with a joint outside its range.")]
+    velocity_violation_rate: Annotated[float, About("", "Share of the steps with a joint faster than its limit.")]
     acceleration_violation_rate: Annotated[
-        float, Says("", "Share of the steps with a joint acceleration above its limit.")
+        float, About("", "Share of the steps with a joint acceleration above its limit.")
     ]
-    jerk_violation_rate: Annotated[float, Says("", "Share of the steps with a jerk above its bound.")]
+    jerk_violation_rate: Annotated[float, About("", "Share of the steps with a jerk above its bound.")]
     mean_critical_velocity: Annotated[
-        float | None, Says("m/s", "Mean, over all steps, of the distance's absolute rate.")
+        float | None, About("m/s", "Mean, over all steps, of the distance's absolute rate.")
     ]
-    mean_critical_acceleration: Annotated[float | None, Says("m/s²", "The same of the distance's second derivative.")]
-    shield_p50: Annotated[float | None, Says("s", "Median time of a decision; none without a shield.")]
-    shield_p95: Annotated[float | None, Says("s", "95th percentile of it.")]
-    shield_p99: Annotated[float | None, Says("s", "99th percentile of it.")]
-    shield_max: Annotated[float | None, Says("s", "Longest decision.")]
+    mean_critical_acceleration: Annotated[float | None, About("m/s²", "The same of the distance's second derivative.")]
+    shield_p50: Annotated[float | None, About("s", "Median time of a decision; none without a shield.")]
+    shield_p95: Annotated[float | None, About("s", "95th percentile of it.")]
+    shield_p99: Annotated[float | None, About("s", "99th percentile of it.")]
+    shield_max: Annotated[float | None, About("s", "Longest decision.")]
     deadline_miss_rate: Annotated[
-        float | None, Says("", "Share of the decisions that took longer than the control step.")
+        float | None, About("", "Share of the decisions that took longer than the control step.")
     ]
 
 

@@ -14,7 +14,7 @@ from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.campaign import SPACING, paired_seeds
 from jssa_gym.evaluation.contenders import PEOPLE
-from jssa_gym.evaluation.guards import known_filter, put_filter
+from jssa_gym.evaluation.filters import known_filter, put_filter
 from jssa_gym.evaluation.identity import code_digest, identity, named
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.exceptions import ParameterError, PolicyFileError

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from jssa_gym.envs.arm import MOVING
-from jssa_gym.evaluation.fields import metrics_of
+from jssa_gym.evaluation.definitions import metrics_of
 from jssa_gym.evaluation.steps import Steps, StepSummary, summarise_steps
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.shields.reasons import OUTSIDE

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.evaluation.blocked import commonest, warning
-from jssa_gym.evaluation.fields import Metric, metrics_of
+from jssa_gym.evaluation.definitions import Metric, metrics_of
 from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.plans import Setting
-from jssa_gym.evaluation.stage import Scored
+from jssa_gym.evaluation.play import Scored
 from jssa_gym.evaluation.statistics import Mean, Rate, means
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
@@ -31,7 +31,7 @@ class Report:
     episodes: tuple[Scored, ...]
     """In the order of settings and seeds."""
     rates: dict[str, Rate]
-    """Of the yes-or-no metrics, by :attr:`~jssa_gym.evaluation.fields.Metric.over_episodes`."""
+    """Of the yes-or-no metrics, by :attr:`~jssa_gym.evaluation.definitions.Metric.over_episodes`."""
     means: dict[str, Mean]
     """Of all other metrics; those that no episode has are missing."""
     traces: tuple[Path, ...] = ()

@@ -14,8 +14,8 @@ from jssa_gym.evaluation.blocked import warning
 from jssa_gym.evaluation.ledger import Chunk, Ledger, package_version, worst
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.plans import Setting, Single
+from jssa_gym.evaluation.play import AnyStudy, Scored, record, score
 from jssa_gym.evaluation.report import Report, write_reports
-from jssa_gym.evaluation.stage import AnyStudy, Scored, record, score
 from jssa_gym.evaluation.trace import read_meta
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, TraceError

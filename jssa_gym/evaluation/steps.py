@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING
-from jssa_gym.evaluation.events import longest, spans
-from jssa_gym.evaluation.fields import Says
+from jssa_gym.evaluation.definitions import About
+from jssa_gym.evaluation.spans import longest, spans
 from jssa_gym.types import Array, Status
 
 DEBOUNCE = 0.1
@@ -52,76 +52,76 @@ class Steps(NamedTuple):
 class StepSummary:
     """One episode in numbers, from rewards and ``info``."""
 
-    ep_len: Annotated[int, Says("steps", "Control steps of the episode.")]
-    ep_return: Annotated[float, Says("", "Sum of the rewards.")]
-    collision: Annotated[bool, Says("", "Robot and person touch or overlap (distance ≤ 0) at some step.")]
-    moving_contact: Annotated[bool, Says("", "A contact with the robot's touching point faster than 1e-3 m/s.")]
-    contact_speed: Annotated[float, Says("m/s", "Largest speed of a touching point of the robot; 0 without contact.")]
-    n_collision_events: Annotated[int, Says("", "Contacts; those interrupted for at most 0.1 s are one.")]
+    ep_len: Annotated[int, About("steps", "Control steps of the episode.")]
+    ep_return: Annotated[float, About("", "Sum of the rewards.")]
+    collision: Annotated[bool, About("", "Robot and person touch or overlap (distance ≤ 0) at some step.")]
+    moving_contact: Annotated[bool, About("", "A contact with the robot's touching point faster than 1e-3 m/s.")]
+    contact_speed: Annotated[float, About("m/s", "Largest speed of a touching point of the robot; 0 without contact.")]
+    n_collision_events: Annotated[int, About("", "Contacts; those interrupted for at most 0.1 s are one.")]
     n_collisions_critical: Annotated[
-        int, Says("", "Of these, those with a touching point of the robot faster than v_safe.")
+        int, About("", "Of these, those with a touching point of the robot faster than v_safe.")
     ]
-    n_collisions_noncritical: Annotated[int, Says("", "Of these, all others.")]
-    collision_steps: Annotated[int, Says("steps", "Steps with a contact.")]
-    min_distance: Annotated[float, Says("m", "Smallest robot-human surface distance; negative in penetration.")]
-    d_min_violation_rate: Annotated[float, Says("", "Share of the steps with a distance below d_min.")]
-    violation_depth: Annotated[float, Says("m", "Largest d_min − distance; 0 if the distance stayed above.")]
-    time_in_violation: Annotated[float, Says("s", "Time with a distance below d_min.")]
+    n_collisions_noncritical: Annotated[int, About("", "Of these, all others.")]
+    collision_steps: Annotated[int, About("steps", "Steps with a contact.")]
+    min_distance: Annotated[float, About("m", "Smallest robot-human surface distance; negative in penetration.")]
+    d_min_violation_rate: Annotated[float, About("", "Share of the steps with a distance below d_min.")]
+    violation_depth: Annotated[float, About("m", "Largest d_min − distance; 0 if the distance stayed above.")]
+    time_in_violation: Annotated[float, About("s", "Time with a distance below d_min.")]
     max_consecutive_violations: Annotated[
-        int, Says("steps", "Most steps in a row with a distance below d_min.", "emcc")
+        int, About("steps", "Most steps in a row with a distance below d_min.", "emcc")
     ]
-    ep_cost: Annotated[float, Says("steps", "Sum of the costs, 1 a step with a distance below d_min.")]
+    ep_cost: Annotated[float, About("steps", "Sum of the costs, 1 a step with a distance below d_min.")]
     limit_violation_rate: Annotated[
-        float, Says("", "Share of the steps with a joint limit exceeded by more than rounding.")
+        float, About("", "Share of the steps with a joint limit exceeded by more than rounding.")
     ]
-    limits_exceeded: Annotated[bool, Says("", "A joint limit was exceeded by more than rounding at some step.")]
+    limits_exceeded: Annotated[bool, About("", "A joint limit was exceeded by more than rounding at some step.")]
     success: Annotated[
-        bool, Says("", "The goal was reached; of tasks that hold a goal, that it is met at the last step.")
+        bool, About("", "The goal was reached; of tasks that hold a goal, that it is met at the last step.")
     ]
-    success_untouched: Annotated[bool, Says("", "Success, and nobody was touched, by an arm at rest neither.")]
-    success_and_safe: Annotated[bool, Says("", "Success, no step nearer than d_min, no joint limit exceeded.")]
+    success_untouched: Annotated[bool, About("", "Success, and nobody was touched, by an arm at rest neither.")]
+    success_and_safe: Annotated[bool, About("", "Success, no step nearer than d_min, no joint limit exceeded.")]
     time_to_goal: Annotated[
-        float | None, Says("s", "Time until the goal was reached for the first time; none if never.")
+        float | None, About("s", "Time until the goal was reached for the first time; none if never.")
     ]
-    timeout: Annotated[bool, Says("", "The episode ended neither by its environment nor with success.")]
+    timeout: Annotated[bool, About("", "The episode ended neither by its environment nor with success.")]
     intervention_rate: Annotated[
-        float, Says("", "Share of the steps in which a jerk differs by more than 1e-6 of its bound.")
+        float, About("", "Share of the steps in which a jerk differs by more than 1e-6 of its bound.")
     ]
     trigger_rate: Annotated[
-        float, Says("", "Share of the steps in which the filter did more than clip to the jerk bounds.")
+        float, About("", "Share of the steps in which the filter did more than clip to the jerk bounds.")
     ]
     first_trigger: Annotated[
-        float | None, Says("s", "Beginning of the first step with an intervention; none without any.")
+        float | None, About("s", "Beginning of the first step with an intervention; none without any.")
     ]
     last_trigger: Annotated[
-        float | None, Says("s", "Beginning of the last step with an intervention; none without any.")
+        float | None, About("s", "Beginning of the last step with an intervention; none without any.")
     ]
-    active_duration: Annotated[float, Says("s", "Time with an intervention.")]
-    n_activations: Annotated[int, Says("", "How often interventions began.")]
-    chatter: Annotated[float, Says("1/s", "Beginnings and ends of interventions per second.")]
+    active_duration: Annotated[float, About("s", "Time with an intervention.")]
+    n_activations: Annotated[int, About("", "How often interventions began.")]
+    chatter: Annotated[float, About("1/s", "Beginnings and ends of interventions per second.")]
     correction_mean: Annotated[
         float | None,
-        Says("jerk bounds", "Mean, over the steps with an intervention, of the largest change of a joint's jerk."),
+        About("jerk bounds", "Mean, over the steps with an intervention, of the largest change of a joint's jerk."),
     ]
-    correction_max: Annotated[float | None, Says("jerk bounds", "Largest change of a joint's jerk.")]
+    correction_max: Annotated[float | None, About("jerk bounds", "Largest change of a joint's jerk.")]
     infeasible_rate: Annotated[
         float | None,
-        Says("", "Share of the steps, of those in which the rows are known, whose jerk misses one by over 1e-6."),
+        About("", "Share of the steps, of those in which the rows are known, whose jerk misses one by over 1e-6."),
     ]
-    relaxed_rate: Annotated[float, Says("", "Share of the steps with status RELAXED.")]
-    backup_rate: Annotated[float, Says("", "Share of the steps with status FAILSAFE: a stored stop goes on.")]
-    fault_rate: Annotated[float, Says("", "Share of the steps with status FAULT.")]
-    phi_max: Annotated[float | None, Says("m²", "Largest safety index that the filter told; none without an index.")]
+    relaxed_rate: Annotated[float, About("", "Share of the steps with status RELAXED.")]
+    backup_rate: Annotated[float, About("", "Share of the steps with status FAILSAFE: a stored stop goes on.")]
+    fault_rate: Annotated[float, About("", "Share of the steps with status FAULT.")]
+    phi_max: Annotated[float | None, About("m²", "Largest safety index that the filter told; none without an index.")]
     phi_violation_rate: Annotated[
-        float | None, Says("", "Share of the steps, of those with an index, with an index above 0.")
+        float | None, About("", "Share of the steps, of those with an index, with an index above 0.")
     ]
     forward_invariance_violations: Annotated[
-        int | None, Says("", "How often the index rose from ≤ 0 to above 0 in a step.")
+        int | None, About("", "How often the index rose from ≤ 0 to above 0 in a step.")
     ]
     slack_mean: Annotated[
-        float | None, Says("m²", "Mean violation of the rows by the applied jerk, where it is known.")
+        float | None, About("m²", "Mean violation of the rows by the applied jerk, where it is known.")
     ]
-    slack_max: Annotated[float | None, Says("m²", "Largest violation of the rows by the applied jerk.")]
+    slack_max: Annotated[float | None, About("m²", "Largest violation of the rows by the applied jerk.")]
 
 
 def summarise_steps(steps: Steps, v_safe: float = MOVING) -> StepSummary:

@@ -3,14 +3,13 @@
 from jssa_gym.plots.backend import require
 from jssa_gym.plots.campaigns import Curve, degradation
 from jssa_gym.plots.episodes import gauge, label, profile, write_film
-from jssa_gym.plots.handover import Tracking, handovers
+from jssa_gym.plots.handover import handovers
 from jssa_gym.plots.lambda_map import lambda_map
 from jssa_gym.plots.portrait import portraits, shifts
 from jssa_gym.plots.sensitivity import sensitivity
 
 __all__ = [
     "Curve",
-    "Tracking",
     "degradation",
     "gauge",
     "handovers",

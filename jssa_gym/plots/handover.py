@@ -1,33 +1,21 @@
 """Figures of handovers."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jssa_gym.plots.backend import COLOURS, draw_without_display
 from jssa_gym.plots.episodes import shade
 from jssa_gym.text import printable
-from jssa_gym.types import Array, Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-class Tracking(NamedTuple):
-    """An episode with a goal for the tool."""
-
-    trace: Trace
-    tip: Array
-    """Tool centre point, shape (T, 3) [m]."""
-    goal: Array
-    """Shape (T, 3) [m]."""
-    replans: NDArray[np.bool_]
-    """Whether a plan was asked for, shape (T,)."""
+    from jssa_gym.paper.handover import Delivery
 
 
-def handovers(runs: Sequence[Tracking], d_min: float) -> "Figure":
+def handovers(runs: Sequence["Delivery"], d_min: float) -> "Figure":
     """The four panels of the paper's Fig. 10, a column a run.
 
     Distance from the person, tool and goal, distance of the tool from the goal, and the largest jerk with marks
@@ -56,7 +44,7 @@ def handovers(runs: Sequence[Tracking], d_min: float) -> "Figure":
     return figure
 
 
-def _column(axes: Sequence[Any], run: Tracking, d_min: float) -> None:
+def _column(axes: Sequence[Any], run: "Delivery", d_min: float) -> None:
     time = run.trace.time
     axes[0].set_title(printable(run.trace.name), parse_math=False)
     axes[0].plot(time, run.trace.distance, color="black")

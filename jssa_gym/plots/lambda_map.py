@@ -11,7 +11,7 @@ from jssa_gym.text import printable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from jssa_gym.safety.lambda_map import LambdaMap
+    from jssa_gym.certificate.lambda_map import LambdaMap
 
 
 def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> "Figure":

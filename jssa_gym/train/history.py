@@ -49,7 +49,7 @@ class Leg:
 
 
 @dataclass(slots=True)
-class Tally:
+class EpisodeCounter:
     """Counts the episodes of a leg as they end."""
 
     summaries: list[Mapping[str, Any]] = field(default_factory=list)

@@ -24,7 +24,7 @@ from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.train.checkpoint import Checkpoint, latest_checkpoint, write_checkpoint
 from jssa_gym.train.config import EVALUATION_SEED, INSTALL, TrainConfig
 from jssa_gym.train.environment import control_env
-from jssa_gym.train.history import Leg, Tally, as_rows, from_rows, write_history
+from jssa_gym.train.history import EpisodeCounter, Leg, as_rows, from_rows, write_history
 from jssa_gym.train.learner import build, to_policy
 from jssa_gym.train.state import (
     BUFFER,
@@ -237,10 +237,10 @@ class _Counter(BaseCallback):
 
     def __init__(self, watch: Watch | None) -> None:
         super().__init__()
-        self.tally, self._watch = Tally(), watch
+        self.tally, self._watch = EpisodeCounter(), watch
 
     def _on_training_start(self) -> None:
-        self.tally = Tally()
+        self.tally = EpisodeCounter()
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:

@@ -67,7 +67,7 @@ class Scored:
         return trace_name(self.cell, self.seed)
 
 
-class Stage:
+class Player:
     """One setting's environment, in which its episodes are played one after the other.
 
     Args:
@@ -118,17 +118,17 @@ def digest_of(trace: Trace) -> str:
 
 def score(chunk: Chunk[AnyStudy, Setting]) -> Iterator[Scored]:
     """Play episodes of one setting."""
-    stage = Stage(chunk.plan, chunk.cell)
+    player = Player(chunk.plan, chunk.cell)
     for seed in chunk.seeds:
-        yield stage.score(seed)
+        yield player.score(seed)
 
 
 def record(chunk: Chunk[AnyStudy, Setting]) -> Iterator[tuple[Path, str]]:
     """Play episodes of one setting again and save their recordings; paths and digests."""
-    stage = Stage(chunk.plan, chunk.cell)
+    player = Player(chunk.plan, chunk.cell)
     chunk.traces.mkdir(parents=True, exist_ok=True)
     for seed in chunk.seeds:
-        trace = stage.record(seed)
+        trace = player.record(seed)
         path, told = chunk.traces / trace_name(chunk.cell, seed), digest_of(trace)
         save_trace(trace, path, meta_of(chunk.plan, chunk.cell, seed, told))
         yield path, told
@@ -190,4 +190,4 @@ def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pi
         raise ParameterError(f"the recording does not say how it came about: {error} is missing or wrong") from error
     tasks, filters, humans, policies = ((name,) for name in setting)
     plan = Study(tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle)
-    return Stage(plan, setting).record(seed)
+    return Player(plan, setting).record(seed)

@@ -5,11 +5,11 @@ from typing import Any
 
 import gymnasium as gym
 
-from jssa_gym.evaluation import paper
-from jssa_gym.evaluation.handover import Delivery, deliver
-from jssa_gym.evaluation.paper import Measures, measures
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.humans import HumanMotion
+from jssa_gym.paper.handover import Delivery, deliver
+from jssa_gym.paper.person import stand_in
+from jssa_gym.paper.reported import GRID, STEPS, Measures, measures
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.robots import JointLimits
 from jssa_gym.shields import JSSAShield, Shield, make_filter
@@ -34,7 +34,7 @@ SHIELDS: Mapping[str, Callable[[gym.Env, float, float], gym.Env]] = {
 
 
 def play(
-    wrap: Callable[[gym.Env], gym.Env], name: str, steps: int = paper.STEPS, human: HumanMotion | None = None
+    wrap: Callable[[gym.Env], gym.Env], name: str, steps: int = STEPS, human: HumanMotion | None = None
 ) -> tuple[Trace, JointLimits]:
     """One episode of the paper's simulation: the arm holds its home position, a person walks up to it.
 
@@ -42,9 +42,9 @@ def play(
         wrap: Puts a shield around the environment.
         name: Of the trace.
         steps: Length.
-        human: The person; None for :func:`~jssa_gym.evaluation.paper.stand_in`.
+        human: The person; None for :func:`~jssa_gym.paper.person.stand_in`.
     """
-    human = paper.stand_in() if human is None else human
+    human = stand_in() if human is None else human
     env = wrap(gym.make("jssa_gym/Home-v0", human=human, terminate_on=(), max_episode_steps=steps))
     base: Any = env.unwrapped
     trace = rollout(env, HoldPolicy(env), seed=0, steps=steps, name=name)
@@ -94,8 +94,8 @@ def _each(wraps: Mapping[str, Callable[[gym.Env], gym.Env]], done: Advance) -> t
 
 def sensitivity(
     shields: Sequence[str] = tuple(SHIELDS),
-    values: Sequence[float] = paper.GRID,
-    steps: int = paper.STEPS,
+    values: Sequence[float] = GRID,
+    steps: int = STEPS,
     done: Advance = _nobody,
 ) -> dict[str, dict[tuple[float, float], Measures]]:
     """Table 1 for several shields.

@@ -13,16 +13,16 @@ from typing import Any
 
 import numpy as np
 
+from jssa_gym.certificate.boundary import KEPT, Boundary, BoundaryState, Domain
+from jssa_gym.certificate.census import Census, Part, Shares, approach_bound, largest_part, mark, shares
+from jssa_gym.certificate.chunks import ChunkFile, Key, StateChunk, generator, run
+from jssa_gym.certificate.search import Kept, kept_part, worsen
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.feasibility import probe
 from jssa_gym.rates import Rate
 from jssa_gym.robots import RobotModel, make_robot
-from jssa_gym.safety.boundary import KEPT, Boundary, BoundaryState, Domain
-from jssa_gym.safety.census import Census, Part, Shares, approach_bound, largest_part, mark, shares
-from jssa_gym.safety.chunks import Chunk, ChunkFile, Key, generator, run
 from jssa_gym.safety.condition import fastest_approach, needed_jerk
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.safety.search import Kept, kept_part, worsen
 from jssa_gym.validation import known_name, positive_integer, positive_number, whole_number
 
 _CHUNK = 50_000
@@ -182,7 +182,9 @@ def certify(
     announce_compilation(probe)
     links = [Boundary(model, index, name, domain, dt) for name in dict.fromkeys(names)]
     chunks = [
-        Chunk(link, k, min(_CHUNK, states - k * _CHUNK), seed) for k in range(-(-states // _CHUNK)) for link in links
+        StateChunk(link, k, min(_CHUNK, states - k * _CHUNK), seed)
+        for k in range(-(-states // _CHUNK))
+        for link in links
     ]
     kept = None
     if folder is not None:
@@ -203,13 +205,13 @@ def certify(
 
 
 def _counted(
-    chunks: Sequence[Chunk], jobs: int, kept: ChunkFile | None, progress: Callable[[int], Any] | None
+    chunks: Sequence[StateChunk], jobs: int, kept: ChunkFile | None, progress: Callable[[int], Any] | None
 ) -> dict[int, list[Census]]:
     """Censuses of all chunks in order, by the number of the capsule."""
     known = {} if kept is None else kept.read()
     found: dict[Key, Census] = {}
 
-    def done(chunk: Chunk, census: Census) -> None:
+    def done(chunk: StateChunk, census: Census) -> None:
         found[chunk.key] = census
         if progress is not None:
             progress(chunk.states)

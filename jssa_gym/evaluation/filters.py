@@ -1,4 +1,4 @@
-"""Shields by name around an environment."""
+"""Filters by name, put around an environment as shields."""
 
 from typing import Any
 

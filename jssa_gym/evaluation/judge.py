@@ -5,16 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.evaluation.judgement import Contact, Excess, Judgement, Overlap
 from jssa_gym.evaluation.oracle import FAR, Oracle
 from jssa_gym.evaluation.trace import every_step
-from jssa_gym.evaluation.verdict import Contact, Excess, Overlap, Verdict
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import JointLimits, RobotModel
 from jssa_gym.types import Array, Trace
 from jssa_gym.validation import positive_integer, positive_number
 
 
-def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: float = 1e-6) -> Verdict:
+def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: float = 1e-6) -> Judgement:
     r"""Play an episode again in MuJoCo and compare.
 
     Nothing of the package's kinematics takes part: the arm is read from its MJCF file, the joints follow Eq. (1) from
@@ -25,7 +25,7 @@ def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: floa
         trace: The episode; with kinematic dynamics, since nothing is recorded of a servoed arm's motion.
         robot: The robot that it was recorded with, where it stood.
         substeps: Moments looked at in every control step; 8 are 1 kHz.
-        tolerance: Largest disagreement of :attr:`Verdict.agrees` [m, m/s, share of a limit].
+        tolerance: Largest disagreement of :attr:`Judgement.agrees` [m, m/s, share of a limit].
 
     Raises:
         ParameterError: The trace is not of this robot, not kinematic, or its rows are not one control step apart.
@@ -80,7 +80,7 @@ def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: floa
     fastest = np.where(human_distance > 0.0, 0.0, speeds[0]).max(axis=1, initial=0.0)[substeps::substeps]
     # a contact within rounding of none has no speed to compare
     faster = np.where(trace.contact == touching, trace.contact_speed - fastest, 0.0)
-    return Verdict(
+    return Judgement(
         samples=len(motion.time),
         distance=float(smallest.min()),
         distance_error=float(np.abs(gap).max()),

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from jssa_gym.certificate.boundary import Boundary, Domain
+from jssa_gym.certificate.census import Census
+from jssa_gym.certificate.certify import moved_capsules
+from jssa_gym.certificate.chunks import StateChunk, run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.feasibility import probe
 from jssa_gym.rates import Rate
 from jssa_gym.robots import RobotModel, make_robot
-from jssa_gym.safety.boundary import Boundary, Domain
-from jssa_gym.safety.census import Census
-from jssa_gym.safety.certify import moved_capsules
-from jssa_gym.safety.chunks import Chunk, run
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, low_high, positive_integer, positive_number, whole_number
@@ -29,7 +29,7 @@ _MORE = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class LambdaPair:
     """One pair of parameters; rates by capsule."""
 
     lambda1: float
@@ -56,21 +56,21 @@ class LambdaMap:
     """[m]."""
     grid: tuple[tuple[float, ...], tuple[float, ...]]
     """Values of both parameters in the first grid."""
-    cells: tuple[Cell, ...]
+    cells: tuple[LambdaPair, ...]
     r"""All pairs but those with :math:`\lambda_1^2 < 8\lambda_2 d_{min}` and those whose boundary hardly meets the
     domain."""
 
     trigger: float
-    """Largest :attr:`Cell.trigger` that the best pair may have [m]."""
+    """Largest :attr:`LambdaPair.trigger` that the best pair may have [m]."""
 
     @property
-    def allowed(self) -> tuple[Cell, ...]:
+    def allowed(self) -> tuple[LambdaPair, ...]:
         """Pairs with at most that."""
         return tuple(cell for cell in self.cells if cell.trigger <= self.trigger)
 
     @property
-    def best(self) -> Cell:
-        """The allowed pair with the least :attr:`Cell.cost`."""
+    def best(self) -> LambdaPair:
+        """The allowed pair with the least :attr:`LambdaPair.cost`."""
         return min(self.allowed, key=lambda cell: cell.cost)
 
     def plain(self) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def sweep(
         trigger: How far away the best pair may begin to slow down a person at top speed [m]: without a bound, ever
             larger parameters would lose ever fewer states. The domain's largest distance unless given.
         domain: Where states are drawn from.
-        capsules: As of :func:`~jssa_gym.safety.certify.certify`.
+        capsules: As of :func:`~jssa_gym.certificate.certify.certify`.
         states: Of each capsule and pair; the finer grids draw 4 and 16 times as many. The best pair is chosen by
             these very states: its interval does not account for that.
         seed: Of the draws.
@@ -134,8 +134,8 @@ def sweep(
     announce_compilation(probe)
     first = _axis("lambda1", lambda1, grid), _axis("lambda2", lambda2, grid)
     ones, twos = first
-    tried: dict[tuple[float, float], Cell] = {}
-    allowed: list[Cell] = []
+    tried: dict[tuple[float, float], LambdaPair] = {}
+    allowed: list[LambdaPair] = []
     for finer in range(_ROUNDS + 1):
         if finer:
             best, half = min(allowed, key=lambda cell: cell.cost), 0.5**finer
@@ -147,7 +147,7 @@ def sweep(
             index = IndexParams(d_min=d_min, lambda1=one, lambda2=two)
             links = [Boundary(model, index, name, domain, dt) for name in names]
             try:
-                counted = list(run([Chunk(link, finer, states * _MORE**finer, seed) for link in links], jobs))
+                counted = list(run([StateChunk(link, finer, states * _MORE**finer, seed) for link in links], jobs))
             except ParameterError:
                 counted = []  # the boundary hardly meets the domain
             if counted:
@@ -180,8 +180,8 @@ def _around(axis: Array, best: float, share: float) -> Array:
     return np.unique(np.clip(best * steps, axis[0], axis[-1]))
 
 
-def _cell(index: IndexParams, domain: Domain, found: dict[str, Census]) -> Cell:
-    return Cell(
+def _cell(index: IndexParams, domain: Domain, found: dict[str, Census]) -> LambdaPair:
+    return LambdaPair(
         index.lambda1,
         index.lambda2,
         infeasible={name: Rate.of(one.infeasible, one.states) for name, one in found.items()},

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.evaluation.claims import Claim, Verdict
 from jssa_gym.kernels.index import index_value
+from jssa_gym.paper.claims import Claim, Evidence
 from jssa_gym.safety.condition import fastest_approach
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array
@@ -17,9 +17,9 @@ def portrait_claims(index: IndexParams) -> list[Claim]:
     held = [_closest(index, D, 0.98 * rate) for D, rate in zip(begin, fastest, strict=True)]
     lost = [_closest(index, D, 1.05 * rate) for D, rate in zip(begin, fastest, strict=True)]
     seen = f"from 1 m up to {-fastest[-1]:.2f} m/s, not from {-1.05 * fastest[-1]:.2f} m/s"
-    verdict = Verdict(min(held) > index.d_min - 1e-4 and max(lost) < index.d_min, seen)
+    evidence = Evidence(min(held) > index.d_min - 1e-4 and max(lost) < index.d_min, seen)
     return [
-        Claim("holding φ = 0 stops every approach from inside the set before d_min", "Fig. 3", {"formula": verdict})
+        Claim("holding φ = 0 stops every approach from inside the set before d_min", "Fig. 3", {"formula": evidence})
     ]
 
 
@@ -58,8 +58,8 @@ def shift_claims(index: IndexParams, lambda1: float, lambda2: float) -> list[Cla
 
     rise1, rise2 = rise(more1), rise(more2)
 
-    def everywhere(holds: NDArray[np.bool_]) -> dict[str, Verdict]:
-        return {"formula": Verdict(bool(holds.all()), f"in {holds.mean():.0%} of {holds.size} states")}
+    def everywhere(holds: NDArray[np.bool_]) -> dict[str, Evidence]:
+        return {"formula": Evidence(bool(holds.all()), f"in {holds.mean():.0%} of {holds.size} states")}
 
     return [
         Claim("λ₁ up: φ larger wherever somebody approaches", "Fig. 7a", everywhere(rise1[rate < 0.0] > 0.0)),

@@ -1,11 +1,11 @@
-"""Metrics as fields of dataclasses: unit and definition are written once, beside the name."""
+"""What is said of metrics: unit and definition are written once, beside the name, as fields of dataclasses."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 
-class Says(NamedTuple):
+class About(NamedTuple):
     """What is said of a metric, as its type's annotation."""
 
     unit: str

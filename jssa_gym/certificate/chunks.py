@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jssa_gym.certificate.boundary import Boundary
+from jssa_gym.certificate.census import Census
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.jit import source_hash
-from jssa_gym.safety.boundary import Boundary
-from jssa_gym.safety.census import Census
 from jssa_gym.storage import append_whole, read_whole, write_whole
 
 Key = tuple[str, int, int]
@@ -24,7 +24,7 @@ def generator(seed: int, *key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-class Chunk(NamedTuple):
+class StateChunk(NamedTuple):
     """States that are drawn from one generator: who counts them, and when, makes no difference."""
 
     boundary: Boundary
@@ -47,7 +47,7 @@ class Chunk(NamedTuple):
         return Census.of(self.boundary, looks, draws)
 
 
-def run(chunks: Sequence[Chunk], jobs: int) -> Iterator[tuple[Chunk, Census]]:
+def run(chunks: Sequence[StateChunk], jobs: int) -> Iterator[tuple[StateChunk, Census]]:
     """Chunks with their censuses, as they end.
 
     Args:
@@ -58,7 +58,7 @@ def run(chunks: Sequence[Chunk], jobs: int) -> Iterator[tuple[Chunk, Census]]:
         yield from ((chunk, chunk.census()) for chunk in chunks)
         return
     with ThreadPoolExecutor(jobs) as pool:
-        waiting: dict[Future[Census], Chunk] = {}
+        waiting: dict[Future[Census], StateChunk] = {}
         try:
             todo = iter(chunks)
             while True:

@@ -63,7 +63,7 @@ class Excess(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Judgement:
     """What MuJoCo finds in a recorded episode; errors are the largest disagreements with the record."""
 
     samples: int

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from jssa_gym.certificate.boundary import BoundaryState
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace
 from jssa_gym.exceptions import TraceError
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.motion import integrate, violates
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.boundary import BoundaryState
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.proximity import measure
 from jssa_gym.shields import JSSAFilter

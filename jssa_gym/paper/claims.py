@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.evaluation import paper
-from jssa_gym.evaluation.paper import Measures
+from jssa_gym.paper import reported
+from jssa_gym.paper.reported import Measures
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Trace
 
@@ -29,7 +29,7 @@ _AT_HOME = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Evidence:
     """Whether a claim holds somewhere, and by which figures."""
 
     holds: bool
@@ -45,7 +45,7 @@ class Claim:
 
     text: str
     source: str
-    verdicts: Mapping[str, Verdict]
+    verdicts: Mapping[str, Evidence]
     """By shield, the published one first; under :data:`PAPER` whether the paper's own numbers bear it out."""
 
     @property
@@ -54,10 +54,10 @@ class Claim:
         return next(verdict for name, verdict in self.verdicts.items() if name != PAPER).holds
 
 
-def stays_above(trace: Trace, d_min: float) -> Verdict:
+def stays_above(trace: Trace, d_min: float) -> Evidence:
     """Whether an episode's distance does [m]."""
     least = float(trace.distance.min())
-    return Verdict(least > d_min, f"{least:.3f} m")
+    return Evidence(least > d_min, f"{least:.3f} m")
 
 
 # ---- collision avoidance, Fig. 6 and 8 ---------------------------------------------------------------
@@ -83,34 +83,34 @@ def avoidance_claims(traces: Mapping[str, Trace], limits: JointLimits, d_min: fl
         d_min: The margin [m].
     """
 
-    def claim(text: str, judge: Callable[[Trace], Verdict], source: str = "Fig. 6") -> Claim:
+    def claim(text: str, judge: Callable[[Trace], Evidence], source: str = "Fig. 6") -> Claim:
         return Claim(text, source, {name: judge(trace) for name, trace in traces.items()})
 
-    def early(trace: Trace) -> Verdict:
+    def early(trace: Trace) -> Evidence:
         if not trace.intervened.any():
-            return Verdict(False, "never triggered")
+            return Evidence(False, "never triggered")
         distance = float(trace.distance[trace.intervened.argmax()])
-        return Verdict(distance > 5.0 * d_min, f"{distance:.2f} m")
+        return Evidence(distance > 5.0 * d_min, f"{distance:.2f} m")
 
-    def bounded(trace: Trace) -> Verdict:
+    def bounded(trace: Trace) -> Evidence:
         share = float((np.abs(trace.jerk) / limits.jerk).max())
-        return Verdict(share <= 1.0 + 1e-9, f"{share:.0%} of it")
+        return Evidence(share <= 1.0 + 1e-9, f"{share:.0%} of it")
 
-    def gentle(trace: Trace) -> Verdict:
+    def gentle(trace: Trace) -> Evidence:
         jerk = float(np.abs(trace.jerk).max())
-        return Verdict(jerk <= 1.1 * paper.FIG6_JERK, f"{np.degrees(jerk):.0f} °/s³")
+        return Evidence(jerk <= 1.1 * reported.FIG6_JERK, f"{np.degrees(jerk):.0f} °/s³")
 
-    def tip(trace: Trace) -> Verdict:
-        share = float((trace.pair[:, 0] == paper.FIG6_ROBOT_LINK - 1).mean())
-        return Verdict(share == 1.0, f"{share:.0%} of the time")
+    def tip(trace: Trace) -> Evidence:
+        share = float((trace.pair[:, 0] == reported.FIG6_ROBOT_LINK - 1).mean())
+        return Evidence(share == 1.0, f"{share:.0%} of the time")
 
-    def person(trace: Trace) -> Verdict:
+    def person(trace: Trace) -> Evidence:
         seen = sequence(trace.pair[:, 1])
-        return Verdict(seen == paper.FIG6_HUMAN_LINKS, "-".join(map(str, seen)))
+        return Evidence(seen == reported.FIG6_HUMAN_LINKS, "-".join(map(str, seen)))
 
-    def home(trace: Trace) -> Verdict:
+    def home(trace: Trace) -> Evidence:
         left = float(np.degrees(np.abs(trace.position[-1] - trace.initial_state[0]).max()))
-        return Verdict(left < _AT_HOME, f"{left:.1f}° off")
+        return Evidence(left < _AT_HOME, f"{left:.1f}° off")
 
     return [
         claim("the distance stays above d_min", lambda trace: stays_above(trace, d_min)),
@@ -139,7 +139,7 @@ def comparison_claims(ssa: Trace, jssa: Mapping[str, Trace], limits: JointLimits
             text,
             "Fig. 8",
             {
-                name: Verdict(sign * (one - other) > _TELLING * abs(other), f"{one:.3g} against {other:.3g}{unit}")
+                name: Evidence(sign * (one - other) > _TELLING * abs(other), f"{one:.3g} against {other:.3g}{unit}")
                 for name, other in others.items()
             },
         )
@@ -182,14 +182,14 @@ def sensitivity_claims(tables: Mapping[str, Grid]) -> list[Claim]:
     Args:
         tables: By shield, the published one first.
     """
-    every = {PAPER: paper.TABLE1, **tables}
+    every = {PAPER: reported.TABLE1, **tables}
     return [
         Claim(text, "Table 1", {name: _trend(table, axis, measure, sign) for name, table in every.items()})
         for text, axis, measure, sign in _TRENDS
     ]
 
 
-def _trend(table: Grid, axis: int, measure: str, sign: int) -> Verdict:
+def _trend(table: Grid, axis: int, measure: str, sign: int) -> Evidence:
     values = sorted({key[axis] for key in table})
     others = sorted({key[1 - axis] for key in table})
     along, against = 0, 0
@@ -201,6 +201,6 @@ def _trend(table: Grid, axis: int, measure: str, sign: int) -> Verdict:
         change = 0.0 if low is None or high is None else sign * (high - low)
         least = 1e-9 if measure.endswith("trigger") else _TELLING * abs(low or 0.0)
         along, against = along + (change > least), against + (change < -least)
-    return Verdict(
+    return Evidence(
         along > 0 and against == 0, f"{along} of {len(others)}" + (f", {against} against" if against else "")
     )

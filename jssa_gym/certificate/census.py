@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.safety.boundary import Boundary, Domain, Looks
+from jssa_gym.certificate.boundary import Boundary, Domain, Looks
 from jssa_gym.safety.condition import fastest_approach, needed_jerk
 from jssa_gym.types import Array
 

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.evaluation.claims import Claim, Verdict, stays_above
-from jssa_gym.evaluation.handover import ARRIVED, BEGIN, Delivery
+from jssa_gym.paper.claims import Claim, Evidence, stays_above
+from jssa_gym.paper.handover import ARRIVED, BEGIN, Delivery
 
 _SOON = 0.1
 """Until when after an activity of the shield a replan goes along with it [s]: the controller asks when the filter has
@@ -27,20 +27,20 @@ def handover_claims(runs: Mapping[str, Delivery], d_min: float) -> list[Claim]:
         d_min: The margin [m].
     """
 
-    def claim(text: str, judge: Callable[[Delivery], Verdict]) -> Claim:
+    def claim(text: str, judge: Callable[[Delivery], Evidence]) -> Claim:
         return Claim(text, "Fig. 10", {name: judge(run) for name, run in runs.items()})
 
-    def replans(run: Delivery) -> Verdict:
+    def replans(run: Delivery) -> Evidence:
         count, along = int(run.replans.sum()), int((run.replans & _shortly_after(run)).sum())
-        return Verdict(count > 0 and along >= _MOST * count, f"{along} of {count}")
+        return Evidence(count > 0 and along >= _MOST * count, f"{along} of {count}")
 
-    def yields(run: Delivery) -> Verdict:
+    def yields(run: Delivery) -> Evidence:
         back = retreat(run)
-        return Verdict(back > _BACK, f"by {back:.2f} m")
+        return Evidence(back > _BACK, f"by {back:.2f} m")
 
-    def arrives(run: Delivery) -> Verdict:
+    def arrives(run: Delivery) -> Evidence:
         left = float(run.error[-1])
-        return Verdict(left < ARRIVED, f"{left:.3f} m from it")
+        return Evidence(left < ARRIVED, f"{left:.3f} m from it")
 
     return [
         claim("the distance stays above d_min", lambda run: stays_above(run.trace, d_min)),

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jssa_gym.safety.boundary import Boundary, Domain, Looks
-from jssa_gym.safety.census import Counts, Part, largest_part, mark
+from jssa_gym.certificate.boundary import Boundary, Domain, Looks
+from jssa_gym.certificate.census import Counts, Part, largest_part, mark
 from jssa_gym.types import Array
 
 _CHILDREN = 128
