@@ -168,10 +168,7 @@ def _same_robot(one: RobotModel, other: RobotModel) -> bool:
         one.n == other.n
         and one.links.tobytes() == other.links.tobytes()
         and one.capsules.tobytes() == other.capsules.tobytes()
-        and np.array_equal(one.limits.position, other.limits.position)
-        and np.array_equal(one.limits.velocity, other.limits.velocity)
-        and np.array_equal(one.limits.acceleration, other.limits.acceleration)
-        and np.array_equal(one.limits.jerk, other.limits.jerk)
+        and np.array_equal(one.limits.bounds(), other.limits.bounds())
     )
 
 
