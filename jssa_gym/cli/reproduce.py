@@ -21,14 +21,11 @@ from jssa_gym.evaluation.blocked import blocked, warning
 from jssa_gym.evaluation.claims import PAPER, Claim, Grid
 from jssa_gym.evaluation.paper import COLUMNS, Measures
 from jssa_gym.evaluation.reproduction import SHIELDS
-from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.index import PUBLISHED
 from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_INDEX = IndexParams(lambda1=3.0, lambda2=1.0)
-"""The paper's parameters in section 4.1."""
 
 Advance = Callable[[Trace | None], Any]
 """Called with each episode, or with none for a step without."""
@@ -48,27 +45,27 @@ class Result:
 
 
 def _fig3(done: Advance) -> Result:
-    figure = plots.portraits(_INDEX)
+    figure = plots.portraits(PUBLISHED)
     done(None)
-    return Result(figure, {}, index_claims.portrait_claims(_INDEX))
+    return Result(figure, {}, index_claims.portrait_claims(PUBLISHED))
 
 
 def _fig7(done: Advance) -> Result:
-    figure = plots.shifts(_INDEX, **_MORE)
+    figure = plots.shifts(PUBLISHED, **_MORE)
     done(None)
-    return Result(figure, {}, index_claims.shift_claims(_INDEX, **_MORE))
+    return Result(figure, {}, index_claims.shift_claims(PUBLISHED, **_MORE))
 
 
 def _fig6(done: Advance) -> Result:
     traces, limits = reproduction.avoidance(done)
-    figure = plots.profile(list(traces.values()), limits, _INDEX.d_min)
+    figure = plots.profile(list(traces.values()), limits, PUBLISHED.d_min)
     measured = {PAPER: paper.FIG6} | {name: paper.measures(trace, limits) for name, trace in traces.items()}
-    return Result(figure, measured, claims.avoidance_claims(traces, limits, _INDEX.d_min))
+    return Result(figure, measured, claims.avoidance_claims(traces, limits, PUBLISHED.d_min))
 
 
 def _fig8(done: Advance) -> Result:
     traces, limits = reproduction.comparison(done)
-    figure = plots.profile(list(traces.values()), limits, _INDEX.d_min)
+    figure = plots.profile(list(traces.values()), limits, PUBLISHED.d_min)
     measured = {"paper, SSA": paper.FIG8, "paper, JSSA": paper.FIG6}
     measured |= {name: paper.measures(trace, limits) for name, trace in traces.items()}
     baseline, *_ = traces
@@ -80,8 +77,8 @@ def _fig10(done: Advance) -> Result:
     runs = reproduction.handovers(done)
     drawn = [plots.Tracking(run.trace, run.tip, run.goal, run.replans) for run in runs.values()]
     measured = {PAPER: paper.FIG10} | {name: paper.measures(run.trace, run.limits) for name, run in runs.items()}
-    figure = plots.handovers(drawn, _INDEX.d_min)
-    return Result(figure, measured, handover_claims.handover_claims(runs, _INDEX.d_min))
+    figure = plots.handovers(drawn, PUBLISHED.d_min)
+    return Result(figure, measured, handover_claims.handover_claims(runs, PUBLISHED.d_min))
 
 
 def _table1(done: Advance) -> Result:
