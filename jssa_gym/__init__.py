@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.safety.tracking import measure_tracking
-    from jssa_gym.shields import FILTERS, JSSAShield, SafetyFilter, Shield, make_filter
+    from jssa_gym.shields import FILTERS, JSSAOptions, JSSAShield, SafetyFilter, Shield, make_filter
     from jssa_gym.types import CapsuleSet, Decision, JointState, Scene, Status
 
 __version__ = "0.1.0"
@@ -56,6 +56,7 @@ _HOMES = {
     "IndexParams": "jssa_gym.safety.index",
     "JPCAction": "jssa_gym.control",
     "JPCPolicy": "jssa_gym.policies",
+    "JSSAOptions": "jssa_gym.shields",
     "JSSAShield": "jssa_gym.shields",
     "JointLimits": "jssa_gym.robots",
     "JointState": "jssa_gym.types",
@@ -107,6 +108,7 @@ __all__ = [
     "JPCAction",
     "JPCPolicy",
     "JSSAGymError",
+    "JSSAOptions",
     "JSSAShield",
     "JointLimits",
     "JointState",
