@@ -15,17 +15,13 @@ import gymnasium as gym
 import jssa_gym
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.index import IndexParams
-from jssa_gym.shields import JSSAFilter
 
-NEAR = IndexParams(lambda1=0.4, lambda2=0.1)
 ASSUMED = {"1.6 m/s, arms 2.0 m/s": FailsafeParams(), "1 m/s": FailsafeParams(human_speed=1.0, limb_speed=1.0)}
 
 
 def build(human: str, failsafe: FailsafeParams) -> gym.Env:
     env = gym.make("jssa_gym/Track-v0", human=human, terminate_on=())
-    robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
-    return jssa_gym.Shield(env, JSSAFilter(robot, dt, NEAR, viability=True, failsafe=failsafe))
+    return jssa_gym.Shield(env, "jssa_near", stop=failsafe)
 
 
 def main() -> None:

@@ -16,9 +16,6 @@ import gymnasium as gym
 
 import jssa_gym
 from jssa_gym.evaluation.statistics import Rate
-from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.index import IndexParams
-from jssa_gym.shields import JSSAFilter
 
 TUNING = 700_000
 """First seed."""
@@ -31,11 +28,9 @@ PEOPLE = ("random", "approach_retreat")
 def build(human: str, pair: tuple[float, ...] | None) -> gym.Env:
     """The arm at home beside somebody; without a pair the verified stop alone."""
     env = gym.make("jssa_gym/Home-v0", human=human, terminate_on=())
-    robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
     if pair is None:
-        return jssa_gym.Shield(env, jssa_gym.make_filter("stop", robot, dt))
-    index = IndexParams(lambda1=pair[0], lambda2=pair[1])
-    return jssa_gym.Shield(env, JSSAFilter(robot, dt, index, viability=True, failsafe=FailsafeParams()))
+        return jssa_gym.Shield(env, "stop")
+    return jssa_gym.Shield(env, "jssa", stop=True, lambda1=pair[0], lambda2=pair[1])
 
 
 def main() -> None:

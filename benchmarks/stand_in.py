@@ -31,10 +31,11 @@ from jssa_gym.paper import person, reported
 from jssa_gym.paper.claims import sequence
 from jssa_gym.paper.experiments import SHIELDS, play
 from jssa_gym.robots import lr_mate_200id_7l
+from jssa_gym.safety.index import PUBLISHED
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import JointState, Planes
 
-LAMBDA1, LAMBDA2 = 3.0, 1.0
+LAMBDA1, LAMBDA2 = PUBLISHED.lambda1, PUBLISHED.lambda2
 
 TURN = 1.84
 """When the person turns towards the arm [s]."""

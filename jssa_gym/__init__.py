@@ -7,10 +7,8 @@ are first used.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
-from gymnasium.envs.registration import WrapperSpec
-
 from jssa_gym.exceptions import JSSAGymError
+from jssa_gym.registration import HORIZON, register_ids
 
 if TYPE_CHECKING:
     from jssa_gym.certificate.boundary import Domain
@@ -21,8 +19,9 @@ if TYPE_CHECKING:
     from jssa_gym.envs.faults import FAULTS, SensorFaults
     from jssa_gym.envs.repeat import ActionRepeat
     from jssa_gym.envs.sensor import SensorModel
-    from jssa_gym.evaluation import RecordSafety, Report, evaluate
-    from jssa_gym.humans import HUMANS, HumanMotion
+    from jssa_gym.envs.tasks import TASKS, Task
+    from jssa_gym.evaluation import RecordSafety, Report, SeparationParams, evaluate
+    from jssa_gym.humans import HUMANS, HumanMotion, Walk, make_human
     from jssa_gym.policies import (
         POLICIES,
         HoldPolicy,
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.safety.tracking import measure_tracking
-    from jssa_gym.shields import FILTERS, JSSAShield, SafetyFilter, Shield, make_filter
+    from jssa_gym.shields import FILTERS, JSSAOptions, JSSAShield, SafetyFilter, Shield, make_filter
     from jssa_gym.types import CapsuleSet, Decision, JointState, Scene, Status
 
 __version__ = "0.1.0"
@@ -57,6 +56,7 @@ _HOMES = {
     "IndexParams": "jssa_gym.safety.index",
     "JPCAction": "jssa_gym.control",
     "JPCPolicy": "jssa_gym.policies",
+    "JSSAOptions": "jssa_gym.shields",
     "JSSAShield": "jssa_gym.shields",
     "JointLimits": "jssa_gym.robots",
     "JointState": "jssa_gym.types",
@@ -71,23 +71,30 @@ _HOMES = {
     "Scene": "jssa_gym.types",
     "SensorFaults": "jssa_gym.envs.faults",
     "SensorModel": "jssa_gym.envs.sensor",
+    "SeparationParams": "jssa_gym.evaluation",
     "Shield": "jssa_gym.shields",
     "Status": "jssa_gym.types",
     "StraightPolicy": "jssa_gym.policies",
+    "TASKS": "jssa_gym.envs.tasks",
+    "Task": "jssa_gym.envs.tasks",
+    "Walk": "jssa_gym.humans",
     "certify": "jssa_gym.certificate.certify",
     "check_env": "jssa_gym.envs.check",
     "evaluate": "jssa_gym.evaluation",
     "load_policy": "jssa_gym.policies",
     "make_filter": "jssa_gym.shields",
+    "make_human": "jssa_gym.humans",
     "measure_tracking": "jssa_gym.safety.tracking",
 }
 
 __all__ = [
     "FAULTS",
     "FILTERS",
+    "HORIZON",
     "HUMANS",
     "POLICIES",
     "ROBOTS",
+    "TASKS",
     "ActionRepeat",
     "ArmEnv",
     "CapsuleSet",
@@ -101,6 +108,7 @@ __all__ = [
     "JPCAction",
     "JPCPolicy",
     "JSSAGymError",
+    "JSSAOptions",
     "JSSAShield",
     "JointLimits",
     "JointState",
@@ -113,15 +121,19 @@ __all__ = [
     "Scene",
     "SensorFaults",
     "SensorModel",
+    "SeparationParams",
     "Shield",
     "Status",
     "StraightPolicy",
+    "Task",
+    "Walk",
     "__version__",
     "certify",
     "check_env",
     "evaluate",
     "load_policy",
     "make_filter",
+    "make_human",
     "measure_tracking",
 ]
 
@@ -146,27 +158,4 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
-HORIZON = 1000
-"""Steps of an episode: 8 s."""
-
-_ENV = "jssa_gym.envs.arm:ArmEnv"
-_SHIELDS: dict[str, dict[str, Any]] = {
-    "Home": {},
-    "Reach": {},
-    "Track": {},
-    # with the defaults it takes 10 s and more to come near a hand: the right arm may be touched at 0.1 m/s
-    "Handover": {"lambda1": 1.0, "lambda2": 0.1, "failsafe": {"contact_speed": {"right_arm": 0.1}}},
-}
-"""Tasks, and what their shielded ids change of the shield's defaults."""
-
-for _name, _changes in _SHIELDS.items():
-    _kwargs = {"task": _name.lower()}
-    if f"jssa_gym/{_name}-v0" not in gym.registry:
-        gym.register(f"jssa_gym/{_name}-v0", _ENV, max_episode_steps=HORIZON, kwargs=_kwargs)
-        gym.register(
-            f"jssa_gym/{_name}Shielded-v0",
-            _ENV,
-            max_episode_steps=HORIZON,
-            kwargs=_kwargs,
-            additional_wrappers=(WrapperSpec("JSSAShield", "jssa_gym.shields.shield:JSSAShield", _changes),),
-        )
+register_ids()

@@ -65,7 +65,7 @@ def index_after(found, jerk, tau=DT, index=PAPER):
 
 def box(joints):
     limits = ROBOT.limits
-    bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+    bounds = limits.bounds()
     lower, upper = np.zeros(ROBOT.n), np.zeros(ROBOT.n)
     assert jerk_box(joints, bounds, DT, lower, upper)
     return lower, upper

@@ -1,10 +1,14 @@
 """What every robot and every task keeps to; a new entry of a registry is tested without being asked."""
 
+from typing import get_args, get_type_hints
+
 import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
 
+from jssa_gym import registration
+from jssa_gym.cli.stress import Stress
 from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.envs.tasks import TASKS, Moment, Task
 from jssa_gym.envs.world import SCENES, planes_of
@@ -12,6 +16,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.records import FRAME, SEGMENT, records
+from jssa_gym.registration import ENTRIES, Entry, register_ids
 from jssa_gym.robots import ROBOTS
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import JointState
@@ -99,3 +104,27 @@ class TestTask:
         assert f"**{task.name}** (default human: ``{task.human}``)" in (ArmEnv.__doc__ or "")
         for term in task.terms:
             assert term.text in (ArmEnv.__doc__ or "")
+
+    def test_it_has_two_ids(self, name: str) -> None:
+        assert TASKS[name].name == name
+        for shielded in (False, True):
+            spec = gym.spec(ENTRIES[name].env_id(shielded))
+            assert spec.id == f"jssa_gym/{TASKS[name].__name__}{'Shielded' if shielded else ''}-v0"
+            assert (spec.kwargs, len(spec.additional_wrappers)) == ({"task": name}, shielded)
+            assert type(spec.make().unwrapped.task) is TASKS[name]
+
+    def test_a_campaign_takes_it(self, name: str) -> None:
+        assert name in get_args(get_type_hints(Stress)["task"])
+
+
+def test_a_task_that_is_entered_is_registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert list(TASKS) == list(ENTRIES)
+    registry = dict(gym.registry)
+    monkeypatch.setattr(registration.gym, "registry", registry)  # the real one forgets nothing
+    monkeypatch.setattr("gymnasium.envs.registration.registry", registry)
+    monkeypatch.setitem(ENTRIES, "push", Entry("nowhere:Push", {"lambda1": 3.0}))
+    before = set(registry)
+    register_ids()
+    assert set(registry) - before == {"jssa_gym/Push-v0", "jssa_gym/PushShielded-v0"}
+    (shield,) = registry["jssa_gym/PushShielded-v0"].additional_wrappers
+    assert (shield.name, shield.kwargs) == ("JSSAShield", {"lambda1": 3.0})

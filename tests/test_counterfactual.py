@@ -21,7 +21,7 @@ DT, STEPS, ONSET = 0.008, 160, 10
 
 def bounds_of(robot):
     limits = robot.limits
-    return np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+    return limits.bounds()
 
 
 def driven(trace, robot, first):

@@ -121,7 +121,7 @@ def test_stops_are_those_that_are_driven_tick_by_tick(wandering, robot, fast):
         wandering = replace(wandering, velocity=velocity, acceleration=acceleration)
     seen, moves = geometry(wandering, robot), velocities(wandering)
     limits, planes = robot.limits, Planes(np.zeros((0, 3)), np.zeros(0), ())
-    bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+    bounds = limits.bounds()
     plan, jerk, advanced = records(robot.n, STOP), np.zeros(robot.n), 0
     held = 0
     for k in range(0, 350, 10):

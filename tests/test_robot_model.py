@@ -141,6 +141,16 @@ def test_the_paper_s_limits_are_consistent():
     assert lr_mate_200id_7l().limits.jerk == pytest.approx(lr_mate_200id_7l("paper").limits.jerk)
 
 
+def test_limits_as_the_kernels_take_them():
+    limits = JointLimits([[-1, 2], [-3, 4]], [5, 6], [7, 8], [9, 10])
+    bounds = limits.bounds()
+    np.testing.assert_array_equal(bounds, [[-1, -3], [2, 4], [5, 6], [7, 8], [9, 10]])
+    # kernels are compiled for arrays that can be written to; no two owners share one
+    assert (bounds.dtype, bounds.flags.c_contiguous, bounds.flags.writeable) == (np.float64, True, True)
+    bounds[:] = 0.0
+    assert limits.bounds()[4, 1] == limits.jerk[1] == 10.0
+
+
 def test_unknown_limits_name_the_valid_ones():
     """A typing error in the name of a set of limits must not pass as some default."""
     with pytest.raises(ParameterError, match=r"'fast'.*paper, stream"):

@@ -151,7 +151,7 @@ class Boundary:
         self.dt = positive_number("dt", dt)
         limits, n = robot.limits, robot.n
         low, high = limits.position.T
-        self._bounds = np.array([low, high, limits.velocity, limits.acceleration, limits.jerk])
+        self._bounds = limits.bounds()
         self._middle = np.stack([(low + high) / 2.0, np.zeros(n), np.zeros(n)])
         self._half = np.stack(
             [

@@ -60,8 +60,7 @@ def play_on(
         self_pairs=np.zeros((0, 2), np.int64),
     )
     shield = JSSAFilter(alone, dt, index, min_authority=0.0, recovery=0.0, viability=viable)
-    limits = robot.limits
-    bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+    bounds = robot.limits.bounds()
     wanted, state = np.zeros(robot.n), joints.copy()
     scene = _scene(found, state, 0.0)
     shield.reset(scene)
@@ -89,7 +88,7 @@ def play_on(
             "status": int(decision.status),
             "reason": decision.reason,
             "intervened": True,
-            "correction": float(np.abs(decision.jerk / limits.jerk).max()),
+            "correction": float(np.abs(decision.jerk / robot.limits.jerk).max()),
             "phi": decision.phi,
             "slack": decision.slack,
             "shield_time": np.nan,

@@ -21,11 +21,11 @@ from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import judge
 from jssa_gym.robots import make_robot
-from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
 from jssa_gym.storage import file_name
 from jssa_gym.validation import positive_integer
 
-_DEFAULT, _INDEX = Domain(), IndexParams()
+_DEFAULT = Domain()
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Certify:
     is given again; a map (--sweep) begins anew.
     """
 
-    lambda1: float = _INDEX.lambda1
+    lambda1: float = DEFAULT.lambda1
     """Of the index [m·s]."""
-    lambda2: float = _INDEX.lambda2
+    lambda2: float = DEFAULT.lambda2
     """Of the index [m·s²]."""
-    d_min: float = _INDEX.d_min
+    d_min: float = DEFAULT.d_min
     """Margin of the index [m]."""
     robot: str = "lr_mate_200id_7l"
     """Name of a robot, or an MJCF file with its limits beside it."""
@@ -174,7 +174,8 @@ class Certify:
                 progress=done,
             )
         write_json(self.out / "map.json", swept.plain())
-        figure = plots.lambda_map(swept, {"asked about": (self.lambda1, self.lambda2), "the paper's": (3.0, 1.0)})
+        marked = {"asked about": (self.lambda1, self.lambda2), "the paper's": (PUBLISHED.lambda1, PUBLISHED.lambda2)}
+        figure = plots.lambda_map(swept, marked)
         write_figure(self.out / "map.png", figure)
         if self.json:
             print(json.dumps(swept.plain(), indent=2))

@@ -6,9 +6,8 @@ import tyro
 
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
-from jssa_gym.evaluation.filters import STOP, TASK_SHIELD
 from jssa_gym.policies import POLICIES, shipped_policies
-from jssa_gym.shields import FILTERS
+from jssa_gym.shields import FILTERS, STOP, TASK_SHIELD
 
 
 def _says(text: str, names: Iterable[str]) -> object:
@@ -25,7 +24,11 @@ HUMAN = _says("People by name", PEOPLE)
 POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", (*POLICIES, *shipped_policies()))
 """Of what is evaluated."""
 
-SHIELDS = _says("Shields by name, whole and weakened", CONTENDERS)
+SHIELDS = _says(
+    f"Shields by name, whole and weakened; filters by their own names too, bare or with {STOP} behind them; full is "
+    f"jssa{STOP}, published jssa_published, and none no shield at all, not the filter none",
+    CONTENDERS,
+)
 OPPONENTS = _says("Policies by name", POLICIES)
 WRONG = _says("Faults by name", FAULTS)
 """Of what is tried in campaigns, besides people."""

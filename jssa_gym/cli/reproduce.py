@@ -21,14 +21,11 @@ from jssa_gym.paper import claims, experiments, handover_claims, index_claims, r
 from jssa_gym.paper.claims import PAPER, Claim, Grid
 from jssa_gym.paper.experiments import SHIELDS
 from jssa_gym.paper.reported import COLUMNS, Measures
-from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.index import PUBLISHED
 from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_INDEX = IndexParams(lambda1=3.0, lambda2=1.0)
-"""The paper's parameters in section 4.1."""
 
 Advance = Callable[[Trace | None], Any]
 """Called with each episode, or with none for a step without."""
@@ -48,27 +45,27 @@ class Result:
 
 
 def _fig3(done: Advance) -> Result:
-    figure = plots.portraits(_INDEX)
+    figure = plots.portraits(PUBLISHED)
     done(None)
-    return Result(figure, {}, index_claims.portrait_claims(_INDEX))
+    return Result(figure, {}, index_claims.portrait_claims(PUBLISHED))
 
 
 def _fig7(done: Advance) -> Result:
-    figure = plots.shifts(_INDEX, **_MORE)
+    figure = plots.shifts(PUBLISHED, **_MORE)
     done(None)
-    return Result(figure, {}, index_claims.shift_claims(_INDEX, **_MORE))
+    return Result(figure, {}, index_claims.shift_claims(PUBLISHED, **_MORE))
 
 
 def _fig6(done: Advance) -> Result:
     traces, limits = experiments.avoidance(done)
-    figure = plots.profile(list(traces.values()), limits, _INDEX.d_min)
+    figure = plots.profile(list(traces.values()), limits, PUBLISHED.d_min)
     measured = {PAPER: reported.FIG6} | {name: reported.measures(trace, limits) for name, trace in traces.items()}
-    return Result(figure, measured, claims.avoidance_claims(traces, limits, _INDEX.d_min))
+    return Result(figure, measured, claims.avoidance_claims(traces, limits, PUBLISHED.d_min))
 
 
 def _fig8(done: Advance) -> Result:
     traces, limits = experiments.comparison(done)
-    figure = plots.profile(list(traces.values()), limits, _INDEX.d_min)
+    figure = plots.profile(list(traces.values()), limits, PUBLISHED.d_min)
     measured = {"paper, SSA": reported.FIG8, "paper, JSSA": reported.FIG6}
     measured |= {name: reported.measures(trace, limits) for name, trace in traces.items()}
     baseline, *_ = traces
@@ -79,8 +76,8 @@ def _fig8(done: Advance) -> Result:
 def _fig10(done: Advance) -> Result:
     runs = experiments.handovers(done)
     measured = {PAPER: reported.FIG10} | {name: reported.measures(run.trace, run.limits) for name, run in runs.items()}
-    figure = plots.handovers(list(runs.values()), _INDEX.d_min)
-    return Result(figure, measured, handover_claims.handover_claims(runs, _INDEX.d_min))
+    figure = plots.handovers(list(runs.values()), PUBLISHED.d_min)
+    return Result(figure, measured, handover_claims.handover_claims(runs, PUBLISHED.d_min))
 
 
 def _table1(done: Advance) -> Result:

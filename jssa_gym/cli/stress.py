@@ -17,7 +17,7 @@ from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
-from jssa_gym.evaluation.contenders import CONTENDERS
+from jssa_gym.evaluation.contenders import contender
 from jssa_gym.evaluation.episodes import Episode, play
 from jssa_gym.evaluation.ledger import Ledger, package_version
 from jssa_gym.evaluation.statistics import Rate
@@ -177,8 +177,8 @@ def _show(
     console.print(did)
     if "filter" in by:
         for name in dict.fromkeys(row.group[by.index("filter")] for row in rows):
-            if CONTENDERS[name].without:
-                console.say(f"{name}: full without {CONTENDERS[name].without}")
+            if without := contender(name).without:
+                console.say(f"{name}: full without {without}")
     for episode in sorted(broken, key=lambda e: -e.severity)[:10]:
         what = "MuJoCo disagrees" if not episode.agrees else f"{episode.judged_speed or episode.contact_speed:.3g} m/s"
         names = " ".join(

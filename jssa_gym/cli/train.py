@@ -17,11 +17,11 @@ from jssa_gym.cli.film import EVERY, film, require_film
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.tasks import TASKS
-from jssa_gym.evaluation.filters import TASK_SHIELD
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.robots import make_robot
+from jssa_gym.shields import TASK_SHIELD
 from jssa_gym.train.config import EVALUATION_SEED, Control, LearnFrom, TrainConfig, preset, tuned_algorithm
 from jssa_gym.train.environment import control_env
 from jssa_gym.train.history import Leg, as_rows

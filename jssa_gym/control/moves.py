@@ -199,6 +199,5 @@ def brake_jerk(state: JointState, limits: JointLimits, dt: float) -> Array:
 def _stop(state: JointState, limits: JointLimits, dt: float) -> tuple[Array, NDArray, int]:
     """The state as rows, its stop by joints, and how many ticks that takes."""
     rows = np.array(state, float)
-    bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
     stops = records(rows.shape[1], STOP)
-    return rows, stops, plan_stop(rows, bounds, dt, stops)
+    return rows, stops, plan_stop(rows, limits.bounds(), dt, stops)

@@ -85,7 +85,7 @@ class Plan:
 
         Of a plan without ticks it is the state that has to keep them.
         """
-        bounds = _bounds(limits)
+        bounds = limits.bounds()
         if not len(self):
             return not violates(self.states[0], np.zeros(bounds.shape[1]), bounds, tolerance)
         return all(keeps(self.jerk, self.dt, self.states, bounds, j, tolerance) for j in range(bounds.shape[1]))
@@ -182,14 +182,10 @@ def plan_waypoints(
     return found
 
 
-def _bounds(limits: JointLimits) -> Array:
-    return np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
-
-
 def _attempt(state: Array, waypoints: Array, each: int, limits: JointLimits, dt: float) -> Plan | None:
     """A verified plan with ``each`` ticks between waypoints, or None."""
     ticks = (each,) * len(waypoints)
-    equal, bounds = equalities(ticks), _bounds(limits)
+    equal, bounds = equalities(ticks), limits.bounds()
     unit = np.array([1.0, dt, dt**2])[:, None]
     right = required(equal, state * unit, waypoints)
     free = corrected(equal, right, np.zeros((equal.matrix.shape[1], state.shape[1])))
@@ -212,7 +208,7 @@ def _limited(
     state: Array, ticks: tuple[int, ...], plan: Plan, limits: JointLimits, j: int, right: Array
 ) -> Array | None:
     """One joint's jerks (H,) within its limits, at the ticks and between them; None if there are none."""
-    dt, bounds = plan.dt, _bounds(limits)[:, [j]]
+    dt, bounds = plan.dt, limits.bounds()[:, [j]]
     (low,), (high,), (V,), (A,), (J,) = bounds
     motion = plan.states[1:-1, :, j].T * np.array([1.0, dt, dt**2])[:, None]
     marks, tick = np.array(plan.marks[:-1], int), np.arange(1, len(plan))

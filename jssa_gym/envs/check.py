@@ -220,7 +220,7 @@ def _reset(run: Run, robot: RobotModel, tolerance: Array, when: str) -> Iterator
     if len(states) == 0:
         return
     limits, state = robot.limits, states[0]
-    bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
+    bounds = limits.bounds()
     scale = np.array([np.full(robot.n, np.inf), limits.velocity, limits.acceleration])
     over = np.maximum(np.abs(state) - tolerance, 0.0) / scale
     if not np.all(over <= _ROUNDING):

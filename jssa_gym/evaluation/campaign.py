@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any, NamedTuple, TypeVar
 
 from jssa_gym.envs.tasks import TASKS
-from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, JOINTS, LATENCIES, MULTIPLES, PEOPLE, REPORTED
+from jssa_gym.evaluation.contenders import FAULTS, JOINTS, LATENCIES, MULTIPLES, PEOPLE, REPORTED, contender_names
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
@@ -43,7 +43,8 @@ class Grid:
     """Of every combination."""
 
     def __post_init__(self) -> None:
-        for name, valid in (("filters", CONTENDERS), ("humans", PEOPLE), ("policies", POLICIES), ("faults", FAULTS)):
+        known = {"filters": contender_names(), "humans": PEOPLE, "policies": POLICIES, "faults": FAULTS}
+        for name, valid in known.items():
             chosen = getattr(self, name)
             if not chosen:
                 raise ParameterError(f"no {name} to try; valid: {', '.join(valid)}")

@@ -15,7 +15,7 @@ from jssa_gym.humans import HUMANS, Hand, HumanMotion, Pursuit, make_human
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.monitor import Watch
-from jssa_gym.shields import JSSAShield, NoFilter, Shield
+from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.failsafe import Verdict, VerifiedStop
 from jssa_gym.types import Array, CapsuleSet, Scene
 from jssa_gym.validation import known_name
@@ -133,11 +133,6 @@ def _weakened(stop: type[VerifiedStop], env: gym.Env, params: FailsafeParams, vi
     return shield
 
 
-def _stop_alone(env: gym.Env, params: FailsafeParams) -> Shield:
-    robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
-    return Shield(env, NoFilter(robot, dt, viability=True, failsafe=params))
-
-
 # ---- shields -----------------------------------------------------------------------------------------
 
 
@@ -153,11 +148,18 @@ class Contender:
     """Which guard it lacks, and what that should let happen; empty if it is no weakened ``full``."""
 
 
+def _named(name: str) -> Contender:
+    """The shield of a filter's name, whose verified stop knows what may be assumed; it promises what the stop does."""
+    bare, stop = read_name(name)
+    stop = stop or bare == "stop"
+    return Contender(lambda env, params: Shield(env, name, stop=params if stop else False), promises=stop)
+
+
 CONTENDERS: dict[str, Contender] = {
-    "full": Contender(lambda env, params: JSSAShield(env, failsafe=params), promises=True),
-    "stop": Contender(_stop_alone, promises=True, without="safety rows: more contacts at rest, more stored stops"),
-    "jssa": Contender(lambda env, params: JSSAShield(env, viability=False, failsafe=False)),
-    "published": Contender(lambda env, params: JSSAShield.as_published(env)),
+    "full": _named("jssa+stop"),
+    "stop": replace(_named("stop"), without="safety rows: more contacts at rest, more stored stops"),
+    "jssa": _named("jssa"),
+    "published": _named("jssa_published"),
     "none": Contender(lambda env, params: env),
     "lag": Contender(
         lambda env, params: JSSAShield(Late(env, _ticks(env, LAG)), failsafe=replace(params, actuation_lag=LAG)),
@@ -209,7 +211,26 @@ CONTENDERS: dict[str, Contender] = {
         without="recovery rate: more contacts at rest, more stored stops",
     ),
 }
-"""Shields by name, whole ones first."""
+"""Shields by the names that campaigns have for them, whole ones first.
+
+``full`` is ``jssa+stop``, ``published`` is ``jssa_published``, and ``none`` is no shield at all, where elsewhere it
+is a filter that keeps the jerk bounds and brakes for a fault. Filters under their own names: :func:`contender`.
+"""
+
+
+def contender_names() -> tuple[str, ...]:
+    """All that :func:`contender` takes."""
+    return (*CONTENDERS, *(name + end for end in ("", STOP) for name in FILTERS if name + end not in CONTENDERS))
+
+
+def contender(name: str) -> Contender:
+    """Of :data:`CONTENDERS`, or a filter by its own name, bare or with the verified stop.
+
+    Raises:
+        ParameterError: Unknown name.
+    """
+    known_name("filter", name, contender_names())
+    return CONTENDERS[name] if name in CONTENDERS else _named(name)
 
 
 # ---- people and faults -------------------------------------------------------------------------------
@@ -273,11 +294,10 @@ def spoiled(env: gym.Env, fault: str) -> gym.Env:
 
 
 def shielded(env: gym.Env, name: str, fault: str = "none") -> gym.Env:
-    """An environment with a fault and a shield of :data:`CONTENDERS` that knows the bound on the fault's noise.
+    """An environment with a fault and a shield of :func:`contender` that knows the bound on the fault's noise.
 
     Raises:
         ParameterError: Unknown shield or fault.
     """
-    known_name("filter", name, CONTENDERS)
     noise = SENSOR_FAULTS[fault].noise if fault in SENSOR_FAULTS else 0.0
-    return CONTENDERS[name].wrap(spoiled(env, fault), FailsafeParams(position_error=noise))
+    return contender(name).wrap(spoiled(env, fault), FailsafeParams(position_error=noise))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.evaluation.campaign import Campaign, Cell
-from jssa_gym.evaluation.contenders import CONTENDERS, PEOPLE, shielded, within_assumptions
+from jssa_gym.evaluation.contenders import PEOPLE, contender, shielded, within_assumptions
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.ledger import Chunk, trace_name
@@ -101,7 +101,7 @@ class Episode:
         """Whether something happened that must not: a broken promise, or two judges who disagree."""
         if not self.agrees:
             return True
-        if not (CONTENDERS[self.filter].promises and within_assumptions(self.human, self.fault)):
+        if not (contender(self.filter).promises and within_assumptions(self.human, self.fault)):
             return False
         return self.touched_moving or self.exceeds or self.overlaps > 0
 
@@ -242,7 +242,7 @@ def play(chunk: Chunk[Campaign, Cell]) -> Iterator[Episode]:
 def _played(chunk: Chunk[Campaign, Cell]) -> Iterator[Episode]:
     campaign = chunk.plan
     arena = Arena(campaign, chunk.cell)
-    careful = CONTENDERS[chunk.cell.filter].promises
+    careful = contender(chunk.cell.filter).promises
     for seed in chunk.seeds:
         episode = arena.play(seed)
         suspicious = careful and (episode.contact_speed > _SUSPICIOUS or episode.violations > 0)

@@ -80,7 +80,7 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
     state = np.empty((count + 1, 3, n))
     state[0] = trace.initial_state
     state[1:, 0], state[1:, 1], state[1:, 2] = trace.position, trace.velocity, trace.acceleration
-    bounds = np.array([*robot.limits.position.T, robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk])
+    bounds = robot.limits.bounds()
     half_spaces = plane_records(Planes(trace.plane_normal, trace.plane_offset, trace.plane_names))
     frames, segments, pairs = records(n, FRAME), records((count, m), SEGMENT), records((count, m, k), PAIR)
     motion, rows, normals = np.zeros((count, m * k, 4)), np.zeros((m * k, n)), np.zeros((count, m * k, 3))

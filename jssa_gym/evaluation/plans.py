@@ -14,12 +14,13 @@ from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.campaign import SPACING, paired_seeds
 from jssa_gym.evaluation.contenders import PEOPLE
-from jssa_gym.evaluation.filters import known_filter, put_filter
+from jssa_gym.evaluation.filters import put_filter
 from jssa_gym.evaluation.identity import code_digest, identity, named
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.exceptions import ParameterError, PolicyFileError
 from jssa_gym.policies import POLICIES, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
 from jssa_gym.policies.model import ModelPolicy
+from jssa_gym.shields import read_name
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
 
 
@@ -141,7 +142,7 @@ class Study:
         for human in self.humans:
             known_name("human", human, PEOPLE)
         for name in self.filters:
-            known_filter(name)
+            read_name(name)
         for policy in self.policies:
             _factory(policy, self.trust_pickle)
         object.__setattr__(self, "code", _codes(self.policies))
@@ -200,7 +201,7 @@ class Single:
     def __post_init__(self) -> None:
         _check(self)
         if self.filter is not None:
-            known_filter(self.filter)
+            read_name(self.filter)
         if not isinstance(self.env_kwargs, Mapping | None):
             raise ParameterError(f"env_kwargs has to be a mapping, got {self.env_kwargs!r}")
         if isinstance(self.env, str):

@@ -12,7 +12,8 @@ from jssa_gym.paper.person import stand_in
 from jssa_gym.paper.reported import GRID, STEPS, Measures, measures
 from jssa_gym.policies import HoldPolicy
 from jssa_gym.robots import JointLimits
-from jssa_gym.shields import JSSAShield, Shield, make_filter
+from jssa_gym.safety.index import PUBLISHED
+from jssa_gym.shields import JSSAShield, Shield
 from jssa_gym.types import Trace
 
 Advance = Callable[[Trace], Any]
@@ -52,17 +53,20 @@ def play(
     return trace, base.robot.limits
 
 
+def _published() -> dict[str, Callable[[gym.Env], gym.Env]]:
+    """Every shield with the paper's λ = (3, 1)."""
+    own = PUBLISHED
+    return {name: lambda env, wrap=wrap: wrap(env, own.lambda1, own.lambda2) for name, wrap in SHIELDS.items()}
+
+
 def avoidance(done: Advance = _nobody) -> tuple[dict[str, Trace], JointLimits]:
     """Fig. 6: every shield with the paper's λ = (3, 1), and ours with its own."""
-    wraps: dict[str, Callable[[gym.Env], gym.Env]] = {
-        name: lambda env, wrap=wrap: wrap(env, 3.0, 1.0) for name, wrap in SHIELDS.items()
-    }
-    return _each(wraps | {"JSSAShield, own λ": JSSAShield}, done)
+    return _each(_published() | {"JSSAShield, own λ": JSSAShield}, done)
 
 
 def comparison(done: Advance = _nobody) -> tuple[dict[str, Trace], JointLimits]:
     """Fig. 8: the SSA with λ₁ = 3, and the JSSA with λ = (3, 1), as published and with the exact row."""
-    return _each({"SSA": ssa} | {name: lambda env, n=name: SHIELDS[n](env, 3.0, 1.0) for name in SHIELDS}, done)
+    return _each({"SSA": ssa} | _published(), done)
 
 
 def handovers(done: Advance = _nobody) -> dict[str, Delivery]:
@@ -81,7 +85,7 @@ def handovers(done: Advance = _nobody) -> dict[str, Delivery]:
 
 def ssa(env: gym.Env) -> gym.Env:
     """The paper's baseline: the SSA on accelerations with λ₁ = 3, its jerk saturated."""
-    return Shield(env, make_filter("ssa", env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")))
+    return Shield(env, "ssa")
 
 
 def _each(wraps: Mapping[str, Callable[[gym.Env], gym.Env]], done: Advance) -> tuple[dict[str, Trace], JointLimits]:

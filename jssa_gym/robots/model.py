@@ -72,6 +72,13 @@ class JointLimits:
             if not (np.all(limit > 0.0) and np.all(np.isfinite(limit))):
                 raise LimitsError(f"{name} limits have to be positive and finite, got {limit}")
 
+    def bounds(self) -> Array:
+        """As the kernels take them: a new array, shape (5, n).
+
+        Its rows are the lower and the upper position [rad], velocity [rad/s], acceleration [rad/s²], jerk [rad/s³].
+        """
+        return np.array([*self.position.T, self.velocity, self.acceleration, self.jerk])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotModel:

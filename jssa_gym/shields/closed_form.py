@@ -10,7 +10,7 @@ from jssa_gym.kernels.records import STOP, records
 from jssa_gym.kernels.stopping import REST, plan_stop, stop_jerk
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.index import DEFAULT, IndexParams
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.pairs import ROWS, PairFilter, Rows
 from jssa_gym.types import Array, Decision, Scene, Status
@@ -93,9 +93,9 @@ class SMAParams:
 
     d_min: float = 0.05
     """[m]."""
-    lambda1: float = 2.0
+    lambda1: float = DEFAULT.lambda1
     """[m·s]."""
-    lambda2: float = 0.25
+    lambda2: float = DEFAULT.lambda2
     """[m·s²]."""
     gain: float = 1.0
     """Jerk that is added, as a share of the jerk bound of the joint that has to give most."""

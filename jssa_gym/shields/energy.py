@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from jssa_gym.kernels.projection import violation
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
 from jssa_gym.safety.projectors import ExactProjector
 from jssa_gym.shields.pairs import ROWS, PairFilter, Rows
 from jssa_gym.types import Array, Decision, HalfSpaces, Status
@@ -69,7 +69,7 @@ class SSAParams:
 
     d_min: float = 0.05
     """[m]."""
-    lambda1: float = 3.0
+    lambda1: float = PUBLISHED.lambda1
     """[m·s]; the paper's."""
     eta: float = 1.0
     """Rate at which an index above 0 has to fall [m²/s]."""
@@ -132,9 +132,9 @@ class SSSParams:
 
     d_min: float = 0.05
     """[m]."""
-    lambda1: float = 2.0
+    lambda1: float = DEFAULT.lambda1
     """[m·s]."""
-    lambda2: float = 0.25
+    lambda2: float = DEFAULT.lambda2
     """[m·s²]."""
     c: float = 2.0
     """Rate at which an index above 0 has to decay [1/s]."""

@@ -12,13 +12,16 @@ from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.kernels.motion import scale_nominal, to_shares
-from jssa_gym.robots import RobotModel
+from jssa_gym.registration import ENTRIES
 from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
 from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.interface import provider, refuse_misfit, robot_and_dt
 from jssa_gym.shields.jssa import JSSAFilter
+from jssa_gym.shields.options import JSSAOptions
 from jssa_gym.shields.reasons import reason_code
+from jssa_gym.shields.registry import PUBLISHED_FORM, TASK_SHIELD, changed_params, make_filter, read_name
 from jssa_gym.shields.wrappers import refuse_other_actions
 from jssa_gym.types import Decision, Scene, Status
 
@@ -28,21 +31,35 @@ _CORRECTION = 1e-6
 """Correction, in jerk bounds, from which a step counts as an intervention."""
 
 
-def _provider(env: gym.Env, name: str) -> Any:
-    """The outermost environment of a wrapper chain that has an attribute: found once, read every step."""
-    layer: Any = env
-    # a property counts even if it cannot answer yet: some environments know their scene only after reset
-    while not (any(name in vars(kind) for kind in type(layer).__mro__) or hasattr(layer, name)):
-        if not isinstance(layer, gym.Wrapper):
-            raise InterfaceError(
-                f"{env} has no attribute '{name}'; a shield needs robot (RobotModel), dt [s] and scene (Scene)"
-            )
-        layer = layer.env
-    return layer
+def _assumptions(name: str, value: bool | FailsafeParams | Mapping[str, Any]) -> FailsafeParams | None:
+    """What a verified stop assumes; None for no verified stop."""
+    if isinstance(value, Mapping):
+        return FailsafeParams.of(value)
+    if not isinstance(value, bool | FailsafeParams):
+        raise ParameterError(f"{name} has to be True, False, FailsafeParams or a mapping of its fields, got {value!r}")
+    return FailsafeParams() if value is True else value or None
+
+
+def _named(env: gym.Env, name: str, stop: FailsafeParams | None, changes: dict[str, Any]) -> SafetyFilter:
+    """The filter that a name stands for, with some of its parameters changed."""
+    if read_name(name).filter == TASK_SHIELD:
+        if stop is not None or changes:
+            raise ParameterError(f"{name!r} is complete, nothing can be changed: give 'jssa' and what it should have")
+        task = getattr(getattr(env.unwrapped, "task", None), "name", "")
+        if task not in ENTRIES:
+            raise ParameterError(f"{env} is of no task with a shielded id; give another filter than {name!r}")
+        return JSSAShield(env, **ENTRIES[task].shield).filter
+    robot, dt = robot_and_dt(env)
+    params = changed_params(name, robot, dt, changes) if changes else None
+    return make_filter(name, robot, dt, params=params, viability=stop is not None, failsafe=stop)
 
 
 class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Runs every action through a safety filter.
+
+    ``Shield(env, "ssa")`` takes a filter by name and builds it for the environment;
+    ``Shield(env, "cbf", stop=True, k1=2.0)`` puts the viability box and the verified stop around it, and changes one of
+    its parameters; ``Shield(env, filter)`` takes one that was built.
 
     The environment, ours or not, has to offer ``robot``, ``dt`` and ``scene``, anywhere in its wrapper chain, and
     take actions in [-1, 1]: fractions of the robot's jerk bounds, one a control step. Wrappers inside that change,
@@ -58,35 +75,44 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     Args:
         env: The environment.
-        filter: A filter built for the same robot and time step. It is copied: it has a state, which no two
-            environments must share; the shield's own is its attribute ``filter``.
+        filter: A name as :func:`~jssa_gym.shields.read_name` reads it; or a filter built for the same robot and time
+            step. It is copied: it has a state, which no two environments must share; the shield's own is its
+            attribute ``filter``.
+        stop: Whether viability box and verified stop are around the filter, as ``+stop`` behind its name says too; or
+            under which assumptions, as :class:`~jssa_gym.safety.failsafe.FailsafeParams` or a mapping of its fields.
+        params: Of a filter by name: fields of its ``params_type``, such as
+            :class:`~jssa_gym.shields.CBFParams`, that are to differ from the defaults.
 
     Raises:
         InterfaceError: The environment lacks an attribute, has a wrapper that belongs outside, filter and environment
             differ, or the filter cannot be copied.
+        ParameterError: The name, an assumption or a parameter is unknown or out of range, or there are some beside a
+            filter that was built.
     """
 
-    def __init__(self, env: gym.Env, filter: SafetyFilter) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, filter=filter)
+    def __init__(
+        self,
+        env: gym.Env,
+        filter: SafetyFilter | str,
+        *,
+        stop: bool | FailsafeParams | Mapping[str, Any] = False,
+        **params: Any,
+    ) -> None:
+        if not isinstance(filter, str):
+            gym.utils.RecordConstructorArgs.__init__(self, filter=filter)
         gym.Wrapper.__init__(self, env)
         self._source: Any = None
         refuse_other_actions(env)
-        robot = _provider(env, "robot").robot
-        dt = float(_provider(env, "dt").dt)
-        if not isinstance(robot, RobotModel):
-            raise InterfaceError(f"robot has to be a RobotModel, got {type(robot).__name__}")
-        if filter.dt != dt:
-            raise InterfaceError(f"the filter's time step is {filter.dt} s, the environment's {dt} s")
-        if not _same_robot(filter.robot, robot):
-            raise InterfaceError(
-                f"the filter is for {filter.robot.name} at {filter.robot.mount}, the environment has {robot.name} "
-                f"at {robot.mount}, or their capsules or limits differ"
-            )
-        shape = env.action_space.shape
-        if shape != (robot.n,):
-            raise InterfaceError(f"the action space has shape {shape}, the robot {robot.n} joints")
-        if not (np.all(env.action_space.low == -1.0) and np.all(env.action_space.high == 1.0)):  # ty: ignore[missing-attribute]
-            raise InterfaceError("the action space has to be [-1, 1]: fractions of the jerk bounds")
+        if isinstance(filter, str):
+            name, assumed = filter, _assumptions("stop", stop)
+            filter = _named(env, name, assumed, params)
+            checked = {given: getattr(filter.params, given) for given in params}  # JSON can hold them
+            recorded = stop if assumed is None or stop is True else asdict(assumed)
+            gym.utils.RecordConstructorArgs.__init__(self, filter=name, stop=recorded, **checked)
+        elif stop is not False or params:
+            given = ", ".join((*params, *(("stop",) if stop is not False else ())))
+            raise ParameterError(f"{given}: only for a filter by name; one that was built has its own already")
+        robot = refuse_misfit(env, filter)
         self.filter = copy.deepcopy(filter)
         self.last_decision: Decision | None = None
         self._jerk_bound = np.array(robot.limits.jerk)
@@ -95,7 +121,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, then the filter with the scene that it starts in."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._source = _provider(self.env, "scene")
+        self._source = provider(self.env, "scene")
         scene = self._source.scene
         self.filter.reset(scene)
         self.last_decision = None
@@ -122,7 +148,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         """The present, or None if it cannot be had: the filter answers that."""
         try:
             if self._source is None:
-                self._source = _provider(self.env, "scene")
+                self._source = provider(self.env, "scene")
             return self._source.scene
         except Exception:  # whatever a perception system throws, the arm must go on safely
             _logger.exception("no scene; the arm brakes")
@@ -163,18 +189,6 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         info["shield/slack"] = float(decision.slack)
 
 
-def _same_robot(one: RobotModel, other: RobotModel) -> bool:
-    return one is other or (
-        one.n == other.n
-        and one.links.tobytes() == other.links.tobytes()
-        and one.capsules.tobytes() == other.capsules.tobytes()
-        and np.array_equal(one.limits.position, other.limits.position)
-        and np.array_equal(one.limits.velocity, other.limits.velocity)
-        and np.array_equal(one.limits.acceleration, other.limits.acceleration)
-        and np.array_equal(one.limits.jerk, other.limits.jerk)
-    )
-
-
 class JSSAShield(Shield):
     r"""The jerk-based safe set algorithm around any environment of an arm.
 
@@ -187,35 +201,41 @@ class JSSAShield(Shield):
         lambda1: :math:`\lambda_1` [m·s].
         lambda2: :math:`\lambda_2` [m·s²].
         d_min: Safety margin :math:`d_{min}` [m].
-        rows, gradient, projector, weight, static_rows: See :class:`~jssa_gym.shields.jssa.JSSAFilter`.
-        sliding: See :class:`~jssa_gym.safety.index.IndexParams`.
+        rows: ``"all"`` robot-human pairs, or the ``"closest"`` one as in the paper.
         recovery: Share of what a step can change by which an index above 0 has to fall; 0 asks for 0 at once.
         viability: Whether the jerk is kept in bounds that keep the position, velocity and acceleration limits.
         failsafe: Whether a jerk is applied only if a verified stop follows it; or under which assumptions, as
             :class:`~jssa_gym.safety.failsafe.FailsafeParams` or a mapping of its fields (which JSON can hold).
+        options: What is hardly ever changed, as :class:`~jssa_gym.shields.JSSAOptions` or a mapping of its fields.
+        gradient, projector, weight, static_rows, sliding: Options given one by one, as before there were ``options``;
+            None for the default.
 
     Raises:
         InterfaceError: The environment lacks an attribute.
-        ParameterError: A parameter is out of range or unknown.
+        ParameterError: A parameter is out of range or unknown, or one is given beside ``options``.
     """
 
     def __init__(
         self,
         env: gym.Env,
         *,
-        lambda1: float = 2.0,
-        lambda2: float = 0.25,
-        d_min: float = 0.05,
+        lambda1: float = DEFAULT.lambda1,
+        lambda2: float = DEFAULT.lambda2,
+        d_min: float = DEFAULT.d_min,
         rows: Literal["all", "closest"] = "all",
-        gradient: Literal["exact", "printed"] = "exact",
-        projector: Literal["exact", "osqp"] = "exact",
-        weight: ArrayLike | Sequence[float] | None = None,
-        static_rows: bool = False,
-        sliding: bool = False,
         recovery: float = 0.5,
         viability: bool = True,
         failsafe: bool | FailsafeParams | Mapping[str, Any] = True,
+        options: JSSAOptions | Mapping[str, Any] | None = None,
+        gradient: Literal["exact", "printed"] | None = None,
+        projector: Literal["exact", "osqp"] | None = None,
+        weight: ArrayLike | Sequence[float] | None = None,
+        static_rows: bool | None = None,
+        sliding: bool | None = None,
     ) -> None:
+        options = JSSAOptions.of(
+            options, gradient=gradient, projector=projector, weight=weight, static_rows=static_rows, sliding=sliding
+        )
         if isinstance(failsafe, Mapping):
             failsafe = FailsafeParams.of(failsafe)
         gym.utils.RecordConstructorArgs.__init__(
@@ -224,24 +244,14 @@ class JSSAShield(Shield):
             lambda2=lambda2,
             d_min=d_min,
             rows=rows,
-            gradient=gradient,
-            projector=projector,
-            weight=None if weight is None else np.asarray(weight, object).tolist(),  # JSON can hold it
-            static_rows=static_rows,
-            sliding=sliding,
             recovery=recovery,
             viability=viability,
             failsafe=asdict(failsafe) if isinstance(failsafe, FailsafeParams) else failsafe,
+            options=asdict(options),
         )
-        if not isinstance(failsafe, bool | FailsafeParams):
-            raise ParameterError(
-                f"failsafe has to be True, False, FailsafeParams or a mapping of its fields, got {failsafe!r}"
-            )
-        assumed = failsafe if isinstance(failsafe, FailsafeParams) else FailsafeParams() if failsafe else None
-        index = IndexParams(d_min=d_min, lambda1=lambda1, lambda2=lambda2, sliding=sliding)
-        robot, dt = _provider(env, "robot").robot, _provider(env, "dt").dt
-        if not isinstance(robot, RobotModel):
-            raise InterfaceError(f"robot has to be a RobotModel, got {type(robot).__name__}")
+        assumed = _assumptions("failsafe", failsafe)
+        index = IndexParams(d_min=d_min, lambda1=lambda1, lambda2=lambda2, sliding=options.sliding)
+        robot, dt = robot_and_dt(env)
         super().__init__(
             env,
             JSSAFilter(
@@ -249,10 +259,10 @@ class JSSAShield(Shield):
                 dt,
                 index,
                 rows=rows,
-                gradient=gradient,
-                projector=projector,
-                weight=weight,
-                static_rows=static_rows,
+                gradient=options.gradient,
+                projector=options.projector,
+                weight=options.weight,
+                static_rows=options.static_rows,
                 recovery=recovery,
                 viability=viability,
                 failsafe=assumed,
@@ -260,7 +270,14 @@ class JSSAShield(Shield):
         )
 
     @classmethod
-    def as_published(cls, env: gym.Env, *, lambda1: float = 3.0, lambda2: float = 1.0, d_min: float = 0.05) -> Self:
+    def as_published(
+        cls,
+        env: gym.Env,
+        *,
+        lambda1: float = PUBLISHED.lambda1,
+        lambda2: float = PUBLISHED.lambda2,
+        d_min: float = PUBLISHED.d_min,
+    ) -> Self:
         """The paper to the letter: closest pair, Eq. (11)-(13) as printed, jerk bounds only.
 
         It is here to be compared with. Its printed row lets half of every violation pass, and it knows no joint
@@ -271,9 +288,7 @@ class JSSAShield(Shield):
             lambda1=lambda1,
             lambda2=lambda2,
             d_min=d_min,
-            rows="closest",
-            gradient="printed",
-            recovery=0.0,
             viability=False,
             failsafe=False,
+            **PUBLISHED_FORM,
         )

@@ -8,16 +8,12 @@ import gymnasium as gym
 from jssa_gym.control import JPCAction
 from jssa_gym.envs.repeat import ActionRepeat
 from jssa_gym.evaluation.record import RecordSafety
+from jssa_gym.registration import ENTRIES
 from jssa_gym.train.config import TrainConfig
 from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
 
 ENDINGS = ("success", "moving_contact")
 """What ends an episode of a training."""
-
-
-def shielded_id(task: str, shield: bool = True) -> str:
-    """The id of a task's environment."""
-    return f"jssa_gym/{task.capitalize()}{'Shielded' if shield else ''}-v0"
 
 
 def control_env(config: TrainConfig, endings: tuple[str, ...] = ENDINGS, shield: bool = True) -> gym.Env:
@@ -30,7 +26,7 @@ def control_env(config: TrainConfig, endings: tuple[str, ...] = ENDINGS, shield:
     """
     kwargs: dict[str, Any] = {} if config.human is None else {"human": config.human}
     guarded = shield and config.shield
-    env = gym.make(shielded_id(config.task, guarded), terminate_on=endings, disable_env_checker=True, **kwargs)
+    env = gym.make(ENTRIES[config.task].env_id(guarded), terminate_on=endings, disable_env_checker=True, **kwargs)
     return ObserveIntervention(env) if config.observe_intervention else env
 
 

@@ -3,6 +3,7 @@
 from jssa_gym.envs.tasks.joints import Home, Track
 from jssa_gym.envs.tasks.task import COMMON_TERMS, Moment, Progress, RewardTerm, Task
 from jssa_gym.envs.tasks.tip import Handover, Reach
+from jssa_gym.registration import ENTRIES
 from jssa_gym.validation import known_name
 
 __all__ = [
@@ -19,8 +20,8 @@ __all__ = [
     "make_task",
 ]
 
-TASKS: dict[str, type[Task]] = {"home": Home, "reach": Reach, "track": Track, "handover": Handover}
-"""Tasks by name."""
+TASKS: dict[str, type[Task]] = {name: entry.load() for name, entry in ENTRIES.items()}
+"""Tasks by name, those of :data:`jssa_gym.registration.ENTRIES`."""
 
 
 def make_task(task: str | Task) -> Task:

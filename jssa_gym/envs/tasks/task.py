@@ -61,7 +61,7 @@ COMMON_TERMS = (
 
 @dataclass(frozen=True, slots=True)
 class Task(ABC):
-    """Goal, reward and success; a new task is a subclass and an entry in :data:`jssa_gym.envs.tasks.TASKS`."""
+    """Goal, reward and success; a new task is a subclass and an entry in :data:`jssa_gym.registration.ENTRIES`."""
 
     name: ClassVar[str]
     human: ClassVar[str]
