@@ -134,7 +134,8 @@ def _check(trace: Trace) -> None:
         kind = _ARRAYS[field]
         found = value.dtype if isinstance(value, np.ndarray) else None
         if found is None or not (found.kind == "U" if kind.kind == "U" else found == kind):
-            raise TraceError(f"a trace's {field} has to be an array of type {kind.str[1:]}, got {found or type(value)}")
+            wanted = f"{kind.kind}{kind.itemsize or ''}"
+            raise TraceError(f"a trace's {field} has to be an array of type {wanted}, got {found or type(value)}")
         if value.ndim == len(letters):
             lengths = dict(zip(letters, value.shape, strict=True)) | lengths
         wanted = tuple(int(letter) if letter.isdigit() else lengths.get(letter, letter) for letter in letters)
