@@ -33,15 +33,30 @@ _ARRAY = re.compile(
 """What an ``.npy`` says of itself; matched, where numpy would evaluate it."""
 
 
-def write_archive(file: IO[bytes], members: Mapping[str, NDArray[Any] | bytes], *, compressed: bool = False) -> None:
+def write_archive(
+    file: IO[bytes], members: Mapping[str, NDArray[Any] | bytes], *, compressed: bool = False, comment: bytes = b""
+) -> None:
     """Write an archive; the same members, the same bytes.
 
     Args:
         file: New, for writing.
         members: By name; arrays become members of the name with ``.npy`` behind.
         compressed: Or as they are.
+        comment: What it ends with.
     """
-    _write(file, members, compressed, b"")
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in members.items():
+            plain = isinstance(content, bytes)
+            entry = zipfile.ZipInfo(name if plain else f"{name}.npy", _MOMENT)
+            entry.create_system, entry.external_attr = 3, 0o644 << 16  # the same bytes on every system
+            entry.compress_type = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+            entry.file_size = len(content) if plain else content.nbytes  # where 4 GB need another format
+            with archive.open(entry, "w") as member:
+                if isinstance(content, bytes):
+                    member.write(content)
+                else:
+                    np.lib.format.write_array(member, np.asarray(content, order="C"), allow_pickle=False)
+        archive.comment = comment
 
 
 def write_sealed(
@@ -66,27 +81,11 @@ def write_sealed(
         StorageError: It cannot be written.
     """
     buffer = io.BytesIO()
-    _write(buffer, members, compressed, b"0" * _DIGEST)
+    write_archive(buffer, members, compressed=compressed, comment=b"0" * _DIGEST)
     body = buffer.getvalue()[:-_DIGEST]
     if len(body) + _DIGEST > largest:
         raise failure(f"{path} would have {len(body) + _DIGEST:,} bytes, more than {largest:,}")
     write_whole(path, body + _sha256(body))
-
-
-def _write(file: IO[bytes], members: Mapping[str, NDArray[Any] | bytes], compressed: bool, comment: bytes) -> None:
-    with zipfile.ZipFile(file, "w") as archive:
-        for name, content in members.items():
-            plain = isinstance(content, bytes)
-            entry = zipfile.ZipInfo(name if plain else f"{name}.npy", _MOMENT)
-            entry.create_system, entry.external_attr = 3, 0o644 << 16  # the same bytes on every system
-            entry.compress_type = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
-            entry.file_size = len(content) if plain else content.nbytes  # where 4 GB need another format
-            with archive.open(entry, "w") as member:
-                if isinstance(content, bytes):
-                    member.write(content)
-                else:
-                    np.lib.format.write_array(member, np.asarray(content, order="C"), allow_pickle=False)
-        archive.comment = comment
 
 
 def _sha256(content: bytes) -> bytes:
