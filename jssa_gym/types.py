@@ -6,7 +6,7 @@ make. ``scene._replace(human=...)`` makes a changed copy.
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,7 +123,9 @@ class Decision(NamedTuple):
 class Trace:
     """One episode, a row a control step; row k holds the state after step k and the jerk that led to it.
 
-    It holds all that another judge needs to play the episode again: see :func:`jssa_gym.evaluation.judge`.
+    It holds all that another judge needs to play the episode again: see :func:`jssa_gym.evaluation.judge`. Its files
+    hold the same fields. Annotations say the shape of an array, and how many names there are: T control steps, n
+    joints, m human capsules, p planes, g numbers of a goal.
     """
 
     name: str
@@ -141,70 +143,67 @@ class Trace:
     """Distance below which the environment counts a cost [m]."""
     ended: str
     """``"terminated"``, ``"truncated"``, or ``"running"`` if the recording stopped before the episode did."""
-    mount: Array
-    """Where the robot stands, shape (3,) [m]."""
-    initial_state: Array
-    """Position, velocity, acceleration before the first step, shape (3, n) [rad, rad/s, rad/s²]."""
-    initial_human: Array
-    """Starts and ends of the human capsules before the first step, shape (2, m, 3) [m]."""
-    human_radius: Array
-    """Shape (m,) [m]."""
-    human_person: NDArray[np.int64]
-    """Whose body each human capsule belongs to, shape (m,)."""
-    human_names: tuple[str, ...]
+    mount: Annotated[Array, "3"]
+    """Where the robot stands [m]."""
+    initial_state: Annotated[Array, "3 n"]
+    """Position, velocity, acceleration before the first step [rad, rad/s, rad/s²]."""
+    initial_human: Annotated[Array, "2 m 3"]
+    """Starts and ends of the human capsules before the first step [m]."""
+    human_radius: Annotated[Array, "m"]
+    """[m]."""
+    human_person: Annotated[NDArray[np.int64], "m"]
+    """Whose body each human capsule belongs to."""
+    human_names: Annotated[tuple[str, ...], "m"]
     """One name a human capsule: its body part."""
-    plane_normal: Array
-    """Of the solid half-spaces, see :class:`Planes`, shape (p, 3)."""
-    plane_offset: Array
-    """Shape (p,) [m]."""
-    plane_names: tuple[str, ...]
-    time: Array
-    """Shape (T,) [s]."""
-    position: Array
-    """Shape (T, n) [rad]."""
-    velocity: Array
-    """Shape (T, n) [rad/s]."""
-    acceleration: Array
-    """Shape (T, n) [rad/s²]."""
-    jerk: Array
-    """Applied, shape (T, n) [rad/s³]."""
-    nominal: Array
-    """Asked for by the policy, shape (T, n) [rad/s³]."""
-    goal: Array
-    """The task's goal, shape (T, g) [rad or m]; waypoints one after the other."""
-    reward: Array
-    """Shape (T,)."""
-    success: NDArray[np.bool_]
-    """Whether the goal is met, shape (T,)."""
-    limit_violation: NDArray[np.bool_]
-    """Whether a joint limit is exceeded by more than rounding, shape (T,)."""
-    distance: Array
-    """Smallest robot-human surface distance, shape (T,) [m]."""
-    speed: Array
-    """Its rate, shape (T,) [m/s]."""
-    acceleration_of_distance: Array
-    """Its second derivative, shape (T,) [m/s²]."""
-    pair: NDArray[np.int64]
-    """Closest robot and human capsule, shape (T, 2)."""
-    contact: NDArray[np.bool_]
-    """Shape (T,)."""
-    contact_speed: Array
-    """Speed of the robot's touching point, 0 without contact, shape (T,) [m/s]."""
-    status: NDArray[np.int64]
-    """Shape (T,); NOMINAL without a shield."""
-    reason: NDArray[np.str_]
-    """Why the shield's jerk is not the nominal, shape (T,); empty strings without a shield."""
-    intervened: NDArray[np.bool_]
-    """Shape (T,)."""
-    correction: Array
-    """Largest change of a joint's jerk by the shield, in jerk bounds, shape (T,); NaN without a shield."""
-    phi: Array
-    """Shape (T,) [m²]; NaN without a shield."""
-    slack: Array
-    """Largest violation of the shield's rows by the jerk, shape (T,) [m²]; NaN without a shield."""
-    shield_time: Array
-    """Wall-clock time of the shield's decision, shape (T,) [s]; NaN without a shield."""
-    human_start: Array
-    """Shape (T, m, 3) [m]."""
-    human_end: Array
-    """Shape (T, m, 3) [m]."""
+    plane_normal: Annotated[Array, "p 3"]
+    """Of the solid half-spaces, see :class:`Planes`."""
+    plane_offset: Annotated[Array, "p"]
+    """[m]."""
+    plane_names: Annotated[tuple[str, ...], "p"]
+    time: Annotated[Array, "T"]
+    """[s]."""
+    position: Annotated[Array, "T n"]
+    """[rad]."""
+    velocity: Annotated[Array, "T n"]
+    """[rad/s]."""
+    acceleration: Annotated[Array, "T n"]
+    """[rad/s²]."""
+    jerk: Annotated[Array, "T n"]
+    """Applied [rad/s³]."""
+    nominal: Annotated[Array, "T n"]
+    """Asked for by the policy [rad/s³]."""
+    goal: Annotated[Array, "T g"]
+    """The task's goal [rad or m]; waypoints one after the other."""
+    reward: Annotated[Array, "T"]
+    success: Annotated[NDArray[np.bool_], "T"]
+    """Whether the goal is met."""
+    limit_violation: Annotated[NDArray[np.bool_], "T"]
+    """Whether a joint limit is exceeded by more than rounding."""
+    distance: Annotated[Array, "T"]
+    """Smallest robot-human surface distance [m]."""
+    speed: Annotated[Array, "T"]
+    """Its rate [m/s]."""
+    acceleration_of_distance: Annotated[Array, "T"]
+    """Its second derivative [m/s²]."""
+    pair: Annotated[NDArray[np.int64], "T 2"]
+    """Closest robot and human capsule."""
+    contact: Annotated[NDArray[np.bool_], "T"]
+    contact_speed: Annotated[Array, "T"]
+    """Speed of the robot's touching point, 0 without contact [m/s]."""
+    status: Annotated[NDArray[np.int64], "T"]
+    """NOMINAL without a shield."""
+    reason: Annotated[NDArray[np.str_], "T"]
+    """Why the shield's jerk is not the nominal; empty strings without a shield."""
+    intervened: Annotated[NDArray[np.bool_], "T"]
+    correction: Annotated[Array, "T"]
+    """Largest change of a joint's jerk by the shield, in jerk bounds; NaN without a shield."""
+    phi: Annotated[Array, "T"]
+    """[m²]; NaN without a shield."""
+    slack: Annotated[Array, "T"]
+    """Largest violation of the shield's rows by the jerk [m²]; NaN without a shield."""
+    shield_time: Annotated[Array, "T"]
+    """Wall-clock time of the shield's decision [s]; NaN without a shield."""
+    human_start: Annotated[Array, "T m 3"]
+    """[m]."""
+    human_end: Annotated[Array, "T m 3"]
+    """[m]."""

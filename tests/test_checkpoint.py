@@ -15,7 +15,8 @@ pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not instal
 from trainings import newest, results, tiny
 
 from jssa_gym.exceptions import CheckpointError
-from jssa_gym.train import build, checkpoint, loop, train
+from jssa_gym.storage import write_archive
+from jssa_gym.train import build, checkpoint, loop, state, train
 from jssa_gym.train.checkpoint import KEEP, MANIFEST, latest_checkpoint, read_checkpoint, write_checkpoint
 from jssa_gym.train.state import BUFFER, PARAMETERS, STATISTICS
 
@@ -57,7 +58,7 @@ def content(path) -> dict[str, bytes]:
 
 
 def write_text(text):
-    return lambda path: path.write_text(text)
+    return lambda file: file.write(text.encode())
 
 
 # ---- written and read --------------------------------------------------------------------------------
@@ -200,14 +201,14 @@ def full(*arguments, **more):
 
 
 DISK = {
-    "parameters": (Path, "write_bytes"),
-    "arrays": (np, "savez"),
-    "manifest": (Path, "write_text"),
+    "parameters": (torch, "save"),
+    "arrays": (state, "write_archive"),
+    "manifest": (checkpoint, "write_whole"),
     "rename": (Path, "replace"),
     "folder": (Path, "mkdir"),
     "policy": (loop, "save_policy"),
     "history": (loop, "write_history"),
-    "flush": (checkpoint, "_to_disk"),
+    "flush": (os, "fsync"),
     "log": (loop, "_log"),
 }
 
@@ -237,10 +238,8 @@ def test_a_full_disk_is_said_and_earlier_checkpoints_stay(where, original, folde
 @pytest.mark.parametrize("save", ["parameters", "arrays"])
 def test_a_disk_that_fills_up_in_the_middle_of_a_file(save, tmp_path, model):
     resource = pytest.importorskip("resource", reason="no limits on this system")
-    from jssa_gym.train import state
-
-    writers = {"parameters": lambda path: state.save_parameters(model, path)}
-    writers["arrays"] = lambda path: state.write_arrays(path, {"x": np.zeros(10_000)})
+    writers = {"parameters": lambda file: state.save_parameters(model, file)}
+    writers["arrays"] = lambda file: write_archive(file, {"x": np.zeros(10_000)})
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
     try:

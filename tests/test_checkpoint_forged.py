@@ -57,7 +57,7 @@ def model():
 
 
 def write_text(text):
-    return lambda path: path.write_text(text)
+    return lambda file: file.write(text.encode())
 
 
 # ---- forged, with a manifest that fits ---------------------------------------------------------------
@@ -115,7 +115,7 @@ def test_larger_than_a_file_may_be(folder, monkeypatch, tmp_path):
     one = newest(folder)
     size = max(path.stat().st_size for path in one.iterdir())
     monkeypatch.setattr(checkpoint, "LARGEST", size - 1)
-    with pytest.raises(CheckpointError, match="is larger than"):
+    with pytest.raises(CheckpointError, match="bytes, more than"):
         read_checkpoint(one)
     with pytest.raises(CheckpointError, match="more than"):
         write_checkpoint(tmp_path / "new", 1, {}, {"x": write_text("x" * size)})
@@ -123,7 +123,7 @@ def test_larger_than_a_file_may_be(folder, monkeypatch, tmp_path):
     monkeypatch.setattr(checkpoint, "LARGEST", size)
     read_checkpoint(one)
     monkeypatch.setattr(checkpoint, "LARGEST_MANIFEST", 10)
-    with pytest.raises(CheckpointError, match="is larger than"):
+    with pytest.raises(CheckpointError, match="bytes, more than"):
         read_checkpoint(one)
 
 
@@ -230,7 +230,6 @@ CHANGED = {
     "an array that fits by broadcasting": change_arrays(BUFFER, lambda a: {**a, "rewards": a["rewards"][:1]}),
     "a scalar": change_arrays(BUFFER, lambda a: {**a, "actions": np.float32(1.0)}),
     "another type": change_arrays(BUFFER, lambda a: {**a, "rewards": a["rewards"].astype(np.float64)}),
-    "another order": change_arrays(BUFFER, lambda a: {**a, "observations": np.asfortranarray(a["observations"])}),
     "another type of the same size": change_arrays(BUFFER, lambda a: {**a, "rewards": a["rewards"].view(np.int32)}),
     "another shape of the same size": change_arrays(BUFFER, lambda a: {**a, "rewards": a["rewards"].reshape(2, -1)}),
     "a cursor beyond": change_arrays(BUFFER, lambda a: full_with_cursor(a, 100, 1)),

@@ -2,11 +2,14 @@
 
 import ast
 import errno
+import io
 import json
 import os
 import stat
 import subprocess
 import sys
+import tracemalloc
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +39,21 @@ from jssa_gym.humans import bvh
 from jssa_gym.humans.recording import Recording
 from jssa_gym.policies import load_policy, save_policy, shipped_policies
 from jssa_gym.robots import make_robot
-from jssa_gym.storage import append_whole, file_name, read_text, read_whole, whole_file, write_whole
+from jssa_gym.storage import (
+    append_whole,
+    file_name,
+    open_archive,
+    read_array,
+    read_sealed,
+    read_text,
+    read_whole,
+    refused,
+    whole_file,
+    whole_lines,
+    write_archive,
+    write_sealed,
+    write_whole,
+)
 from jssa_gym.train.checkpoint import read_checkpoint
 from jssa_gym.train.history import write_history
 
@@ -113,7 +130,7 @@ def test_names_of_unfinished_files_cannot_be_taken_beforehand(tmp_path, monkeypa
     victim.write_text("mine")
     (tmp_path / "out").mkdir()
     names = []
-    monkeypatch.setattr(storage.secrets, "token_hex", lambda count: names.append("guessed") or "guessed")
+    monkeypatch.setattr(storage.files.secrets, "token_hex", lambda count: names.append("guessed") or "guessed")
     (tmp_path / "out" / ".guessed.part").symlink_to(victim)
     with pytest.raises(StorageError, match="File exists"):
         write_whole(tmp_path / "out" / "x", b"theirs")
@@ -128,8 +145,8 @@ def test_names_of_unfinished_files_cannot_be_taken_beforehand(tmp_path, monkeypa
 
 
 def test_every_writer_of_the_package_goes_through_storage():
-    """No other module opens a file to write into it, but for checkpoints, inside a folder that they have made."""
-    allowed = {"storage.py", "train/checkpoint.py", "train/state.py", "train/arrays.py"}
+    """No other module opens a file to write into it; archives open their members."""
+    allowed = {"storage/files.py", "storage/archives.py"}
     words = {"write_text", "write_bytes", "savefig", "mkstemp", "NamedTemporaryFile"}
     found = set()
     for path in PACKAGE.rglob("*.py"):
@@ -419,3 +436,98 @@ def test_errors_of_storage_are_what_users_of_files_expect(tmp_path):
     assert isinstance(caught.value, JSSAGymError)
     assert isinstance(caught.value.__cause__, FileNotFoundError)
     assert json.dumps(str(caught.value))
+
+
+def test_lines_that_a_crash_cut_off_are_told_apart(tmp_path):
+    assert whole_lines(tmp_path / "x", ParameterError) == (b"", b"")
+    for content, found in ((b"a\nb\nc", (b"a\nb\n", b"c")), (b"a\n", (b"a\n", b"")), (b"a", (b"", b"a"))):
+        (tmp_path / "x").write_bytes(content)
+        assert whole_lines(tmp_path / "x", ParameterError) == found
+
+
+def test_what_goes_wrong_with_a_content_is_one_error():
+    for error, told in ((KeyError("dt"), "bad: 'dt' is missing"), (MemoryError(), "bad: MemoryError")):
+        with pytest.raises(TraceError, match=told), refused(TraceError, "bad"):
+            raise error
+    with pytest.raises(TraceError, match=r"^mine$"), refused(TraceError, "bad"):
+        raise TraceError("mine")
+    with pytest.raises(KeyboardInterrupt), refused(TraceError, "bad"):
+        raise KeyboardInterrupt
+
+
+# ---- archives ----------------------------------------------------------------------------------------
+
+ARRAYS = {
+    "numbers": np.arange(6.0).reshape(2, 3),
+    "columns": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+    "one": np.array(3, np.int64),
+    "none": np.zeros((0, 3)),
+    "no_width": np.zeros((3, 0)),
+    "yes": np.array([True, False]),
+    "texts": np.array(["ö", "", "abc"]),
+    "empty_texts": np.array([""]),
+    "foreign": np.arange(3, dtype=">f4"),
+    "five": np.zeros((1, 2, 1, 2, 1), np.uint8),
+}
+
+
+def archive_of(write, *arguments, **options) -> bytes:
+    write(buffer := io.BytesIO(), *arguments, **options)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("writer", ["ours", "numpy"])
+def test_arrays_are_what_numpy_makes_of_them(writer, compressed):
+    if writer == "ours":
+        content = archive_of(write_archive, ARRAYS, compressed=compressed)
+    else:
+        content = archive_of(np.savez_compressed if compressed else np.savez, **ARRAYS)
+    with np.load(io.BytesIO(content), allow_pickle=False) as theirs, open_archive(content, 10_000) as archive:
+        assert theirs.files == list(ARRAYS)
+        for name, array in ARRAYS.items():
+            found = read_array(archive, name)
+            assert (found.dtype, found.shape) == (theirs[name].dtype, theirs[name].shape) == (array.dtype, array.shape)
+            np.testing.assert_array_equal(found, array)
+            assert found.flags.writeable
+
+
+def test_the_same_members_are_the_same_bytes(tmp_path):
+    members = {**ARRAYS, "header.json": b"{}"}
+    for name in ("a", "b"):
+        write_sealed(tmp_path / name, members, TraceError, 10_000)
+    content = (tmp_path / "a").read_bytes()
+    assert content == (tmp_path / "b").read_bytes() == read_sealed(tmp_path / "a", "x", TraceError, 10_000)
+    with pytest.raises(TraceError, match="more than 100"):
+        write_sealed(tmp_path / "a", members, TraceError, 100)
+    assert (tmp_path / "a").read_bytes() == content
+    (tmp_path / "a").write_bytes(content[:-1])
+    with pytest.raises(TraceError, match="a is no x, or not as it was written: its SHA-256"):
+        read_sealed(tmp_path / "a", "x", TraceError, 10_000)
+
+
+def test_a_member_that_unpacks_to_more_than_it_says_is_not_unpacked():
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("x.npy", bytes(2**24))
+    content = bytearray(buffer.getvalue())
+    at = content.index(b"PK\x01\x02") + 24
+    content[at : at + 4] = (100).to_bytes(4, "little")
+    tracemalloc.start()
+    try:
+        with open_archive(bytes(content), 1000) as archive, pytest.raises((ValueError, zipfile.BadZipFile)):
+            read_array(archive, "x")
+        assert tracemalloc.get_traced_memory()[1] < 2**20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("header", ["{'descr': '|O', %s}", "{'descr': [('a', '<f8')], %s}", "__import__('os')"])
+def test_no_header_of_an_array_is_evaluated(header):
+    text = (header.replace("%s", "'fortran_order': False, 'shape': (1,), ") + "\n").encode()
+    array = b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + bytes(8)
+    with (
+        open_archive(archive_of(write_archive, {"x.npy": array})) as archive,
+        pytest.raises(ValueError, match="no plain array"),
+    ):
+        read_array(archive, "x")

@@ -517,7 +517,6 @@ class TestWhatNoFileMayHold:
             packed(np.ones((16, 39), ">f4")),
             packed(np.ones((16, 39), np.int32)),
             packed(np.ones((16, 39), np.complex64)),
-            packed(np.ones((39, 16), np.float32).T),
             packed(np.ones((16, 39, 1), np.float32)),
             packed(np.float32(1.0)),
             packed(np.ones((16, 38), np.float32)),

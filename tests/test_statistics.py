@@ -105,6 +105,23 @@ def test_a_bootstrap_of_the_mean_is_about_the_normal_interval():
     assert low < narrow[0] < narrow[1] < high
 
 
+@pytest.mark.parametrize("statistic", [np.mean, np.median, np.std])
+@pytest.mark.parametrize("confidence", [0.5, 0.95])
+def test_a_bootstrap_is_scipys_of_the_same_draws(statistic, confidence):
+    values = np.random.default_rng(0).exponential(size=37)
+    theirs = stats.bootstrap(
+        (values,),
+        statistic,
+        n_resamples=500,
+        confidence_level=confidence,
+        method="percentile",
+        vectorized=False,
+        random_state=np.random.default_rng(7),
+    ).confidence_interval
+    ours = bootstrap_interval(values, statistic, 7, confidence=confidence, resamples=500)
+    assert ours == pytest.approx((theirs.low, theirs.high), rel=1e-12)
+
+
 def test_a_bootstrap_takes_whole_rows():
     rows = np.random.default_rng(0).normal(size=(50, 1)) + np.array([0.0, 10.0])
     low, high = bootstrap_interval(rows, lambda r: np.mean(r[:, 1] - r[:, 0]), 0, resamples=50)

@@ -25,7 +25,7 @@ from jssa_gym.cli.arguments import given_once
 from jssa_gym.cli.terminal import Terminal, prepared
 from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import rollout, save_trace
-from jssa_gym.evaluation.svg import Panel, escape
+from jssa_gym.evaluation.svg import Markup, Panel, tag
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, HoldPolicy
@@ -291,12 +291,17 @@ def test_one_is_no_plural(tmp_path, monkeypatch, capsys):
 
 
 def test_pages_show_names():
-    assert escape(HOSTILE) == SEEN
-    assert escape("<b>\x1b&'\"") == "&lt;b&gt;\\x1b&amp;&#x27;&quot;"
+    assert tag("p", HOSTILE) == f"<p>{SEEN}</p>"
+    assert tag("p", HOSTILE, title=HOSTILE) == f'<p title="{SEEN}">{SEEN}</p>'
+    seen = "&lt;b&gt;\\x1b&amp;&#x27;&quot;"
+    assert tag("a", "<b>\x1b&'\"", href="<b>\x1b&'\"") == f'<a href="{seen}">{seen}</a>'
+    # what is put together is text again, unless that is said
+    assert tag("p", tag("b", "<") + "<") == "<p>&lt;b&gt;&amp;lt;&lt;/b&gt;&lt;</p>"
+    assert tag("p", tag("b", "<"), Markup("<br>"), 3, x_y=0.123456) == '<p x-y="0.1235"><b>&lt;</b><br>3</p>'
     panel = Panel((0.0, 1.0), (0.0, 1.0), HOSTILE, HOSTILE, names=(HOSTILE, "<b>"))
     panel.curve(np.zeros(2), np.zeros(2), 0, HOSTILE)
-    assert obedient(str(panel)) == set()
-    assert "<b>" not in str(panel)
+    assert obedient(panel.drawn()) == set()
+    assert "<b>" not in panel.drawn()
 
 
 # ---- every option once -------------------------------------------------------------------------------

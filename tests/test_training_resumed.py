@@ -163,12 +163,14 @@ import json, sys, time, torch
 torch.set_num_threads(1)
 from jssa_gym.train import PPO, TrainConfig, checkpoint, train
 config, folder, slow = TrainConfig.of(json.loads(sys.argv[1])), sys.argv[2], float(sys.argv[3])
-real = checkpoint._to_disk
-def to_disk(path):
-    print("writing", path, flush=True)
-    time.sleep(slow)
-    real(path)
-checkpoint._to_disk = to_disk
+def told(write):
+    def writing(path, *content):
+        print("writing", path, flush=True)
+        time.sleep(slow)
+        return write(path, *content)
+    return writing
+checkpoint.whole_file, checkpoint.write_whole = told(checkpoint.whole_file), told(checkpoint.write_whole)
+checkpoint._to_disk = told(checkpoint._to_disk)
 say = lambda line: print("said", line, flush=True)
 train(config, folder, say=say, watch=lambda steps: print("at", steps, flush=True))
 """

@@ -13,7 +13,7 @@ from jssa_gym.certificate.boundary import Boundary
 from jssa_gym.certificate.census import Census
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.jit import source_hash
-from jssa_gym.storage import append_whole, read_whole, write_whole
+from jssa_gym.storage import append_whole, refused, whole_lines, write_whole
 
 Key = tuple[str, int, int]
 """Capsule, number of the chunk, and its states."""
@@ -89,31 +89,22 @@ class ChunkFile:
         first = json.loads(json.dumps({**setting, "kernels": source_hash()}))
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            lines, cut = self._lines()
-            # a crash may have cut the first line off; anything else without an end of line is somebody else's
-            if not lines and json.dumps(first).encode().startswith(cut):
-                write_whole(self.path, json.dumps(first) + "\n")
-                return
-        except (OSError, UnicodeDecodeError) as error:
-            raise ParameterError(f"cannot use {folder}: {getattr(error, 'strerror', None) or error}") from error
-        try:
-            known = json.loads(lines[0] if lines else "")
+        except OSError as error:
+            raise ParameterError(f"cannot use {folder}: {error.strerror or error}") from error
+        whole, cut = whole_lines(self.path, ParameterError)
+        # a crash may have cut the first line off; anything else without an end of line is somebody else's
+        if not whole and json.dumps(first).encode().startswith(cut):
+            write_whole(self.path, json.dumps(first) + "\n")
+            return
+        with refused(ParameterError, f"{self.path} is no file of counts; choose another folder"):
+            known = json.loads(whole.partition(b"\n")[0])
             other = [name for name in first if known.get(name) != first[name]]
-        except (ValueError, AttributeError, RecursionError) as error:
-            raise ParameterError(f"{self.path} is no file of counts; choose another folder") from error
         if other:
             raise ParameterError(
                 f"{folder} holds another certificate (other {', '.join(other)}); choose another folder"
             )
         if cut:  # by a crash; it is counted again
-            os.truncate(self.path, self.path.stat().st_size - len(cut))
-
-    def _lines(self) -> tuple[list[str], bytes]:
-        """Whole lines, and what comes after the last one."""
-        if not self.path.exists():
-            return [], b""
-        whole, end, cut = read_whole(self.path, ParameterError).rpartition(b"\n")
-        return (whole + end).decode().splitlines(), cut
+            os.truncate(self.path, len(whole))
 
     def read(self) -> dict[Key, Census]:
         """All censuses that are there.
@@ -122,12 +113,11 @@ class ChunkFile:
             ParameterError: A line is no census.
         """
         found: dict[Key, Census] = {}
-        for line in self._lines()[0][1:]:
-            try:
+        whole, _ = whole_lines(self.path, ParameterError)
+        with refused(ParameterError, f"{self.path} holds a line that is no count"):
+            for line in whole.splitlines()[1:]:
                 (capsule, number, states), plain = json.loads(line)
                 found[capsule, number, states] = Census.read(plain)
-            except (ValueError, KeyError, TypeError, IndexError, RecursionError) as error:
-                raise ParameterError(f"{self.path} holds a line that is no count: {error}") from error
         return found
 
     def append(self, key: Key, census: Census) -> None:

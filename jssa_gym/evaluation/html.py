@@ -4,6 +4,7 @@ import os
 import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote_from_bytes
 
 import numpy as np
@@ -11,10 +12,9 @@ import numpy as np
 from jssa_gym.evaluation.leaderboard import PAIRED_MEANS, PAIRED_RATES, Standing, profile, standings
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.plans import Study
-from jssa_gym.evaluation.play import Scored
 from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
-from jssa_gym.evaluation.svg import Panel, colour, dashes, escape, marker
+from jssa_gym.evaluation.svg import Markup, Panel, colour, dashes, marker, tag
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
 
@@ -72,52 +72,59 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
     ranked = standings(reports)
     number = {name: k for k, name in enumerate(study.filters)}
     episodes, steps = counted(study.episodes, "episode"), counted(study.steps, "step")
-    seconds = f"{episodes} of at most {steps} a combination, first seed {study.seed}"
+    tried = (("Tasks", study.tasks), ("People", study.humans), ("Policies", study.policies))
+    about = " ".join(f"{what}: {', '.join(names)}." for what, names in tried)
+    keys = _keys(number)
+    sections = {
+        "Over everything": [keys, _leaderboard(ranked), *_paired(ranked)],
+        "Safety against getting there": [keys, *_tradeoff(ranked, number)],
+        "Performance profiles": [keys, *_profiles(ranked, number)],
+        "Distributions": [*_boxes(ranked, number), _note("Least, quartiles and largest over all episodes.")],
+        "Setting by setting": [_settings(reports)],
+        "Worst episodes": _worst(reports, folder),
+        "What the numbers are": _definitions(study.v_safe, study.separation),
+        "All numbers": [_everything(report) for report in reports],
+    }
     parts = [
-        f"<h1>Filters compared</h1><p>{escape(seconds)}. Tasks: {_list(study.tasks)}. People: {_list(study.humans)}. "
-        f"Policies: {_list(study.policies)}.</p><p><code>{escape(command)}</code></p>",
-        f'<p class="note">{_READING}</p>',
-        f"<h2>Over everything</h2><p>{_keys(number)}</p>{_leaderboard(ranked)}",
-        _paired(ranked),
-        f"<h2>Safety against getting there</h2><p>{_keys(number)}</p>{_tradeoff(ranked, number)}",
-        f"<h2>Performance profiles</h2><p>{_keys(number)}</p>{_profiles(ranked, number)}",
-        f"<h2>Distributions</h2>{_boxes(ranked, number)}",
-        f"<h2>Setting by setting</h2>{_settings(reports)}",
-        f"<h2>Worst episodes</h2>{_worst(reports, folder)}",
-        f"<h2>What the numbers are</h2>{_definitions(study.v_safe, study.separation)}",
-        f"<h2>All numbers</h2>{''.join(_everything(report) for report in reports)}",
+        tag("h1", "Filters compared"),
+        tag("p", f"{episodes} of at most {steps} a combination, first seed {study.seed}. {about}"),
+        tag("p", tag("code", command)),
+        _note(Markup(_READING)),
+        *(part for title, inside in sections.items() for part in (tag("h2", title), *inside)),
     ]
-    head = f'<meta charset="utf-8"><title>Filters compared</title><style>{_STYLE}</style>'
-    return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>{"".join(parts)}</body></html>\n'
+    head = tag("head", Markup('<meta charset="utf-8">'), tag("title", "Filters compared"), tag("style", Markup(_STYLE)))
+    return f"<!DOCTYPE html>\n{tag('html', head, tag('body', *parts), lang='en')}\n"
 
 
-def _list(names: Sequence[str]) -> str:
-    return escape(", ".join(names))
+def _note(text: str) -> Markup:
+    return tag("p", text, class_="note")
 
 
-def _keys(number: dict[str, int]) -> str:
-    return "".join(
-        f'<span class="key"><svg width="48" height="14"><line x1="0" x2="48" y1="7" y2="7" stroke="{colour(k)}" '
-        f'stroke-width="2" stroke-dasharray="{dashes(k)}"/>{marker(k, 24.0, 7.0)}</svg> {escape(name)}</span>'
-        for name, k in number.items()
-    )
+def _keys(number: dict[str, int]) -> Markup:
+    line = {"x1": 0, "x2": 48, "y1": 7, "y2": 7, "stroke_width": 2}
+    keys = []
+    for name, k in number.items():
+        stroke = tag("line", **line, stroke=colour(k), stroke_dasharray=dashes(k))
+        keys.append(
+            tag("span", tag("svg", stroke, marker(k, 24.0, 7.0), width=48, height=14), f" {name}", class_="key")
+        )
+    return tag("p", *keys)
 
 
-def _table(titles: Sequence[str], rows: Iterable[Sequence[str]], text: int = 1) -> str:
-    """Rows of HTML; the first columns are text."""
-    kinds = [' class="text"' if k < text else "" for k in range(len(titles))]
-    head = "".join(f"<th{kind}>{title}</th>" for kind, title in zip(kinds, titles, strict=True))
-    body = "".join(
-        f"<tr>{''.join(f'<td{kind}>{cell}</td>' for kind, cell in zip(kinds, row, strict=True))}</tr>" for row in rows
-    )
-    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+def _table(titles: Sequence[str], rows: Iterable[Sequence[Any]], text: int = 1, kind: str = "text") -> Markup:
+    """Rows; the first columns are text."""
+    classes = [{"class_": kind} if k < text else {} for k in range(len(titles))]
+    head = (tag("th", title, **of) for title, of in zip(titles, classes, strict=True))
+    body = (tag("tr", *(tag("td", cell, **of) for cell, of in zip(row, classes, strict=True))) for row in rows)
+    return tag("div", tag("table", tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="wide")
 
 
-def _numbers(report: Report) -> list[str]:
-    return [
-        *(escape(str(report.rates[name])) for name in _RATES),
-        *(escape(str(report.means[name])) if name in report.means else "-" for name in _MEANS),
-    ]
+def _figure(panel: Panel, *caption: str) -> Markup:
+    return tag("figure", panel.drawn(), *(tag("figcaption", text) for text in caption))
+
+
+def _numbers(report: Report) -> list[Any]:
+    return [*(report.rates[name] for name in _RATES), *(report.means.get(name, "-") for name in _MEANS)]
 
 
 def _titles() -> list[str]:
@@ -125,30 +132,33 @@ def _titles() -> list[str]:
     return [name + (f" [{units[name]}]" if units[name] else "") for name in (*_RATES, *_MEANS)]
 
 
-def _leaderboard(ranked: Sequence[Standing]) -> str:
-    rows = [[escape(one.filter), str(len(one.pooled.episodes)), *_numbers(one.pooled)] for one in ranked]
+def _leaderboard(ranked: Sequence[Standing]) -> Markup:
+    rows = [[one.filter, len(one.pooled.episodes), *_numbers(one.pooled)] for one in ranked]
     return _table(["filter", "episodes", *_titles()], rows)
 
 
-def _paired(ranked: Sequence[Standing]) -> str:
+def _paired(ranked: Sequence[Standing]) -> list[Markup]:
     others = [one for one in ranked if one.rates]
     if not others:
-        return ""
+        return []
     (first,) = (one.filter for one in ranked if not one.rates)
     rows = [
         [
-            escape(one.filter),
+            one.filter,
             *(_difference(one.rates[name]) for name in PAIRED_RATES),
             *(_shift(one.means.get(name)) for name in PAIRED_MEANS),
         ]
         for one in others
     ]
-    return (
-        f"<h2>Minus {escape(first)}, on the same episodes</h2>"
-        + _table(["filter", *(f"{name}_rate" for name in PAIRED_RATES), *PAIRED_MEANS], rows)
-        + "<p class=\"note\">Rates: difference with Bonett and Price's interval, and p of McNemar's exact test. Means: "
-        "bootstrap of the paired differences.</p>"
+    note = (
+        "Rates: difference with Bonett and Price's interval, and p of McNemar's exact test. Means: bootstrap of the "
+        "paired differences."
     )
+    return [
+        tag("h2", f"Minus {first}, on the same episodes"),
+        _table(["filter", *(f"{name}_rate" for name in PAIRED_RATES), *PAIRED_MEANS], rows),
+        _note(note),
+    ]
 
 
 def _difference(of: PairedDifference) -> str:
@@ -159,7 +169,7 @@ def _shift(mean: Mean | None) -> str:
     return "-" if mean is None else f"{mean.value:+.3g} ({mean.low:+.3g} to {mean.high:+.3g})"
 
 
-def _tradeoff(ranked: Sequence[Standing], number: dict[str, int]) -> str:
+def _tradeoff(ranked: Sequence[Standing], number: dict[str, int]) -> list[Markup]:
     figures = []
     for bad, what in (("moving_contact_rate", "contact with the arm moving"), ("collision_rate", "any contact")):
         panel = Panel((0.0, 1.0), (0.0, 1.0), "success rate", f"share without {what}")
@@ -171,22 +181,21 @@ def _tradeoff(ranked: Sequence[Standing], number: dict[str, int]) -> str:
                 number[one.filter],
                 f"{one.filter}: success {reached}, {what} {met}",
             )
-        figures.append(f"<figure>{panel}<figcaption>Without {what}. Up and right is better.</figcaption></figure>")
-    return "".join(figures)
+        figures.append(_figure(panel, f"Without {what}. Up and right is better."))
+    return figures
 
 
-def _profiles(ranked: Sequence[Standing], number: dict[str, int]) -> str:
-    figures = [_profile(ranked, number, "min_distance_arm", "m", None)]
-    for task in dict.fromkeys(episode.task for episode in ranked[0].pooled.episodes):
-        figures.append(_profile(ranked, number, "ep_return", f"task {task}", task))
-    return "".join(figures)
+def _profiles(ranked: Sequence[Standing], number: dict[str, int]) -> list[Markup]:
+    tasks = dict.fromkeys(episode.task for episode in ranked[0].pooled.episodes)
+    returns = (_profile(ranked, number, "ep_return", f"task {task}", task) for task in tasks)
+    return [_profile(ranked, number, "min_distance_arm", "m", None), *returns]
 
 
-def _profile(ranked: Sequence[Standing], number: dict[str, int], name: str, what: str, task: str | None) -> str:
+def _profile(ranked: Sequence[Standing], number: dict[str, int], name: str, what: str, task: str | None) -> Markup:
     values = {one.filter: column([e for e in one.pooled.episodes if task in (None, e.task)], name) for one in ranked}
     finite = np.concatenate([x[np.isfinite(x)] for x in values.values()])
     if not len(finite):
-        return ""
+        return Markup()
     thresholds = np.linspace(finite.min(), finite.max(), 80)
     panel = Panel((thresholds[0], thresholds[-1]), (0.0, 1.0), f"{name} [{what}]", "share of episodes ≥ x")
     for of, x in values.items():
@@ -194,11 +203,10 @@ def _profile(ranked: Sequence[Standing], number: dict[str, int], name: str, what
         bounds = np.array([clopper_pearson(round(s * count), count) for s in share])
         panel.band(thresholds, bounds[:, 0], bounds[:, 1], number[of])
         panel.curve(thresholds, share, number[of], of)
-    caption = "Share of the episodes with at least so much; pointwise 95 % intervals."
-    return f"<figure>{panel}<figcaption>{caption}</figcaption></figure>"
+    return _figure(panel, "Share of the episodes with at least so much; pointwise 95 % intervals.")
 
 
-def _boxes(ranked: Sequence[Standing], number: dict[str, int]) -> str:
+def _boxes(ranked: Sequence[Standing], number: dict[str, int]) -> list[Markup]:
     figures, units = [], {metric.name: metric.unit for metric in METRICS}
     for name in _BOXES:
         values = {one.filter: column(one.pooled.episodes, name) for one in ranked}
@@ -217,42 +225,39 @@ def _boxes(ranked: Sequence[Standing], number: dict[str, int]) -> str:
             if of in quantiles:
                 told = ", ".join(f"{value:.3g}" for value in quantiles[of])
                 panel.box(row, quantiles[of].tolist(), number[of], f"{of}: {told}")
-        figures.append(f"<figure>{panel}</figure>")
-    return "".join(figures) + '<p class="note">Least, quartiles and largest over all episodes.</p>'
+        figures.append(_figure(panel))
+    return figures
 
 
-def _settings(reports: Sequence[Report]) -> str:
-    rows = [[*(escape(part) for part in report.setting), *_numbers(report)] for report in reports]
+def _settings(reports: Sequence[Report]) -> Markup:
+    rows = [[*report.setting, *_numbers(report)] for report in reports]
     return _table(["task", "filter", "people", "policy", *_titles()], rows, text=4)
 
 
-def _worst(reports: Sequence[Report], folder: Path) -> str:
+def _worst(reports: Sequence[Report], folder: Path) -> list[Markup]:
     rows = []
     for report in reports:
         by_name = {episode.trace_name: episode for episode in report.episodes}
         for path in report.traces:
             episode = by_name[path.name]
-            rows.append([*(escape(part) for part in report.setting), *_told(episode), _link(path, folder)])
+            speed, distance = episode.summary.contact_speed, episode.summary.min_distance
+            told = [*report.setting, episode.seed, f"{speed:.3g} m/s", f"{distance:.3g} m"]
+            rows.append([*told, _link(path, folder)])
     if not rows:
-        return "<p>None were recorded.</p>"
-    unlike = [f"{', '.join(r.setting)}, seed {seed}" for r in reports for seed in r.unlike]
-    note = f"<p>Went otherwise when played again: {escape('; '.join(unlike))}.</p>" if unlike else ""
+        return [tag("p", "None were recorded.")]
     titles = ["task", "filter", "people", "policy", "seed", "contact speed", "min distance", "to see it again"]
-    return _table(titles, rows, text=4) + note
+    unlike = [f"{', '.join(r.setting)}, seed {seed}" for r in reports for seed in r.unlike]
+    note = [tag("p", f"Went otherwise when played again: {'; '.join(unlike)}.")] if unlike else []
+    return [_table(titles, rows, text=4), *note]
 
 
-def _told(episode: Scored) -> list[str]:
-    summary = episode.summary
-    return [str(episode.seed), f"{summary.contact_speed:.3g} m/s", f"{summary.min_distance:.3g} m"]
+def _link(path: Path, folder: Path) -> Markup:
+    place = quote_from_bytes(os.fsencode(Path(os.path.relpath(path, folder)).as_posix()))
+    command = shlex.join(["jssa-gym", "replay", str(path), "--verify"])
+    return Markup(f"{tag('a', 'recording', href=place)} {tag('code', command)}")
 
 
-def _link(path: Path, folder: Path) -> str:
-    place = Path(os.path.relpath(path, folder)).as_posix()
-    command = escape(shlex.join(["jssa-gym", "replay", str(path), "--verify"]))
-    return f'<a href="{escape(quote_from_bytes(os.fsencode(place)))}">recording</a> <code>{command}</code>'
-
-
-def _definitions(v_safe: float, separation: SeparationParams) -> str:
+def _definitions(v_safe: float, separation: SeparationParams) -> list[Markup]:
     speed = "measured" if separation.human_speed is None else f"{separation.human_speed:g} m/s"
     stated = (
         f"v_safe = {v_safe:g} m/s. Speed and separation monitoring with v_h = {speed}, T_r = "
@@ -260,25 +265,22 @@ def _definitions(v_safe: float, separation: SeparationParams) -> str:
         "S_s are those of the jerk-limited stop. Decision times are those of the machine that ran this, and of "
         "all that ran beside it."
     )
-    rows = [[escape(metric.name), escape(metric.unit), escape(metric.text)] for metric in METRICS]
-    table = _table(["metric", "unit", "definition"], rows, text=3).replace(
-        '<td class="text">', '<td class="text long">'
-    )
-    return f'<p class="note">{escape(stated)}</p><details><summary>All metrics</summary>{table}</details>'
+    rows = [[metric.name, metric.unit, metric.text] for metric in METRICS]
+    table = _table(["metric", "unit", "definition"], rows, text=3, kind="text long")
+    return [_note(stated), tag("details", tag("summary", "All metrics"), table)]
 
 
-def _everything(report: Report) -> str:
+def _everything(report: Report) -> Markup:
     units = {metric.over_episodes: metric.unit for metric in METRICS}
     rows = [
-        *([name, escape(str(rate)), "", "", "", str(rate.n)] for name, rate in report.rates.items()),
+        *([name, rate, "", "", "", rate.n] for name, rate in report.rates.items()),
         *(
-            [f"{name} [{units[name]}]" if units[name] else name, escape(str(mean)), *_ends(mean), str(mean.n)]
+            [f"{name} [{units[name]}]" if units[name] else name, mean, *_ends(mean), mean.n]
             for name, mean in report.means.items()
         ),
     ]
-    title = escape(", ".join(report.setting))
     titles = ["", "rate or mean", "least", "5th percentile", "largest", "episodes"]
-    return f"<details><summary>{title}</summary>{_table(titles, rows)}</details>"
+    return tag("details", tag("summary", ", ".join(report.setting)), _table(titles, rows))
 
 
 def _ends(mean: Mean) -> list[str]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, get_args, get_type_hints
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.storage import append_whole, file_name, read_text, read_whole, write_whole
+from jssa_gym.storage import append_whole, file_name, read_text, refused, whole_lines, write_whole
 
 _TELLING = (
     "cli",
@@ -148,11 +148,9 @@ class Ledger(Generic[AnyPlan, AnyRow]):
         path = self.folder / "campaign.json"
         empty = not self.table.exists() or self.table.stat().st_size == 0
         if path.exists() and not empty:
-            try:
+            with refused(ParameterError, f"{path} is no campaign's configuration"):
                 known = json.loads(read_text(path, ParameterError))
                 other = [_differs(name, known[name], config[name]) for name in config if known[name] != config[name]]
-            except (ValueError, KeyError, TypeError, RecursionError) as error:
-                raise ParameterError(f"{path} is no campaign's configuration: {error}") from error
             if other:
                 raise ParameterError(
                     f"{self.folder} holds another campaign (other {'; '.join(other)}); choose another folder (--out)"
@@ -163,23 +161,18 @@ class Ledger(Generic[AnyPlan, AnyRow]):
         write_whole(path, json.dumps(config, indent=2) + "\n")
 
     def _read(self) -> None:
-        if not self.table.exists():
-            return
-        content = read_whole(self.table, ParameterError)
-        whole = content[: content.rfind(b"\n") + 1]
-        if not (whole or ",".join(self._names).encode().startswith(content)):
-            raise ParameterError(f"{self.table} holds a line that is no episode; choose another folder")
-        if len(whole) < len(content):
-            # what a crash cut off is played again
+        whole, cut = whole_lines(self.table, ParameterError)
+        told = f"{self.table} holds a line that is no episode"
+        if not (whole or ",".join(self._names).encode().startswith(cut)):
+            raise ParameterError(f"{told}; choose another folder")
+        if cut:  # by a crash; it is played again
             os.truncate(self.table, len(whole))
         self._size = len(whole)
-        try:
+        with refused(ParameterError, told):
             rows = csv.reader(io.StringIO(whole.decode(), newline=""))
             if whole and next(rows) != self._names:
                 raise ParameterError(f"{self.table} has other columns than this version writes")
             self.episodes = [_parse(self.row, iter(_fitting(row, self._names))) for row in rows]
-        except (ValueError, KeyError, csv.Error) as error:
-            raise ParameterError(f"{self.table} holds a line that is no episode: {error}") from error
         planned = {(cell, seed) for cell, seeds in self.plan.seeds().items() for seed in seeds}
         for episode in self.episodes:
             if (episode.cell, episode.seed) not in planned:

@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.evaluation.trace import trace_of
 from jssa_gym.policies import Policy
 from jssa_gym.shields import SafetyFilter, Shield
 from jssa_gym.types import Array, Decision, Scene, Status, Trace
@@ -93,41 +94,45 @@ def rollout(
     try:
         observation, _ = env.reset(seed=seed, options=options)
         once: dict[str, Any] = {"name": name, "ended": "running", **_setting(base)}
-        rows: dict[str, list[Any]] = {field: [] for field in Trace.__dataclass_fields__ if field not in once}
+        rows: list[dict[str, Any]] = []
         for _ in range(steps):
             action = policy(observation)
             observation, reward, terminated, truncated, info = env.step(action)
             scene, closest = base.scene, base.closest
             decision = None if shield is None else shield.last_decision
-            rows["time"].append(scene.time)
-            rows["position"].append(scene.robot.position)
-            rows["velocity"].append(scene.robot.velocity)
-            rows["acceleration"].append(scene.robot.acceleration)
-            rows["jerk"].append(info["jerk"])
-            rows["nominal"].append(info["jerk"] if decision is None else decision.nominal)
-            rows["goal"].append(base.goal.ravel())
-            rows["reward"].append(float(reward))
-            rows["success"].append(info["success"])
-            rows["limit_violation"].append(info["limit_violation"])
-            rows["distance"].append(closest.distance)
-            rows["speed"].append(closest.rate)
-            rows["acceleration_of_distance"].append(closest.curvature)
-            rows["pair"].append((closest.robot, closest.human))
-            rows["contact"].append(info["contact"])
-            rows["contact_speed"].append(info["contact_speed"])
-            rows["status"].append(info.get("shield/status", int(Status.NOMINAL)))
-            rows["reason"].append(info.get("shield/reason", ""))
-            rows["intervened"].append(info.get("shield/intervened", False))
-            rows["correction"].append(info.get("shield/correction", np.nan))
-            rows["phi"].append(info.get("shield/phi", np.nan))
-            rows["slack"].append(info.get("shield/slack", np.nan))
-            rows["shield_time"].append(np.nan if watch is None else watch.elapsed)
-            rows["human_start"].append(scene.human.start)
-            rows["human_end"].append(scene.human.end)
+            rows.append(
+                {
+                    "time": scene.time,
+                    "position": scene.robot.position,
+                    "velocity": scene.robot.velocity,
+                    "acceleration": scene.robot.acceleration,
+                    "jerk": info["jerk"],
+                    "nominal": info["jerk"] if decision is None else decision.nominal,
+                    "goal": base.goal.ravel(),
+                    "reward": float(reward),
+                    "success": info["success"],
+                    "limit_violation": info["limit_violation"],
+                    "distance": closest.distance,
+                    "speed": closest.rate,
+                    "acceleration_of_distance": closest.curvature,
+                    "pair": (closest.robot, closest.human),
+                    "contact": info["contact"],
+                    "contact_speed": info["contact_speed"],
+                    "status": info.get("shield/status", int(Status.NOMINAL)),
+                    "reason": info.get("shield/reason", ""),
+                    "intervened": info.get("shield/intervened", False),
+                    "correction": info.get("shield/correction", np.nan),
+                    "phi": info.get("shield/phi", np.nan),
+                    "slack": info.get("shield/slack", np.nan),
+                    "shield_time": np.nan if watch is None else watch.elapsed,
+                    "human_start": scene.human.start,
+                    "human_end": scene.human.end,
+                }
+            )
             if terminated or truncated:
                 once["ended"] = "terminated" if terminated else "truncated"
                 break
     finally:
         if shield is not None and watch is not None:
             shield.filter = watch.timed
-    return Trace(**once, **{field: np.array(values) for field, values in rows.items()})
+    return trace_of(once, rows)

@@ -1,7 +1,8 @@
-"""Small figures as SVG text, for pages that load nothing."""
+"""Pages that load nothing: tags in which all text is escaped, and small figures of them."""
 
 import html
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,12 +12,30 @@ from jssa_gym.types import Array
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7f7f7f", "#000000")
 """Okabe and Ito's palette, told apart by colour-blind people."""
 
+_Ends = Sequence[float] | Array
+
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 14.0, 14.0, 44.0
 
 
-def escape(text: str) -> str:
-    """A text for HTML and SVG, in which all is seen."""
-    return html.escape(printable(text))
+class Markup(str):
+    """What is a part of a page as it is; all other text is escaped where it becomes one."""
+
+
+def tag(name: str, *parts: Any, **attributes: Any) -> Markup:
+    """An element of HTML or SVG.
+
+    Args:
+        name: Of the element.
+        parts: What it holds, other elements or text.
+        attributes: With ``_`` for ``-``, and ``class_``; floats get four digits.
+    """
+    shown = {key: f"{value:.4g}" if isinstance(value, float) else value for key, value in attributes.items()}
+    given = "".join(f' {key.rstrip("_").replace("_", "-")}="{_escaped(value)}"' for key, value in shown.items())
+    return Markup(f"<{name}{given}>{''.join(_escaped(part) for part in parts)}</{name}>")
+
+
+def _escaped(part: Any) -> str:
+    return part if isinstance(part, Markup) else html.escape(printable(str(part)))
 
 
 def colour(k: int) -> str:
@@ -29,7 +48,7 @@ def dashes(k: int) -> str:
     return ("", "6 3", "2 3", "8 3 2 3")[(k // len(COLOURS)) % 4]
 
 
-def marker(k: int, x: float, y: float, title: str = "") -> str:
+def marker(k: int, x: float, y: float, title: str = "") -> Markup:
     """Of the k-th thing's points: where colours repeat, shapes differ; at ``x``, ``y`` [pixels]."""
     corners = (
         (),
@@ -37,11 +56,11 @@ def marker(k: int, x: float, y: float, title: str = "") -> str:
         ((0.0, -6.5), (6.0, 4.5), (-6.0, 4.5)),
         ((0.0, -6.5), (6.5, 0.0), (0.0, 6.5), (-6.5, 0.0)),
     )[(k // len(COLOURS)) % 4]
-    shape = f'circle cx="{x:.1f}" cy="{y:.1f}" r="5"'
-    if corners:
-        shape = f'polygon points="{" ".join(f"{x + a:.1f},{y + b:.1f}" for a, b in corners)}"'
-    told = f"<title>{escape(title)}</title>" if title else ""
-    return f'<{shape} fill="{colour(k)}" stroke="#fff">{told}</{shape.split()[0]}>'
+    told = title and tag("title", title)
+    if not corners:
+        return tag("circle", told, cx=x, cy=y, r=5, fill=colour(k), stroke="#fff")
+    points = " ".join(f"{x + a:.1f},{y + b:.1f}" for a, b in corners)
+    return tag("polygon", told, points=points, fill=colour(k), stroke="#fff")
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
@@ -77,26 +96,16 @@ class Panel:
         self.width, self.height = width, height
         self._left = 12.0 + 7.0 * max((len(name) for name in names), default=0) if names else _LEFT
         self._x, self._y = _range(x), _range(y)
-        self._parts: list[str] = []
-        bottom, right = height - _BOTTOM, width - _RIGHT
+        self._parts: list[Markup] = []
         for value in ticks(*self._x):
-            at = self._across(value)
-            self._parts.append(f'<line class="grid" x1="{at:.1f}" x2="{at:.1f}" y1="{_TOP}" y2="{bottom}"/>')
-            self._text(at, bottom + 15.0, f"{value:g}", "middle")
-        rows = [(float(k), name) for k, name in enumerate(names)] or [
-            (value, f"{value:g}") for value in ticks(*self._y)
-        ]
-        for value, text in rows:
-            at = self._up(value)
-            self._parts.append(f'<line class="grid" x1="{self._left}" x2="{right}" y1="{at:.1f}" y2="{at:.1f}"/>')
-            self._text(self._left - 6.0, at + 4.0, text, "end")
-        self._text((self._left + right) / 2.0, height - 8.0, x_label, "middle")
-        if y_label:
-            middle = (_TOP + bottom) / 2.0
-            self._parts.append(
-                f'<text class="label" text-anchor="middle" transform="translate(13 {middle:.1f}) rotate(-90)">'
-                f"{escape(y_label)}</text>"
-            )
+            self._line([value] * 2, self._y, class_="grid")
+            self._text(f"{value:g}", self._across(value), height - _BOTTOM + 15.0, "middle")
+        for value, text in list(enumerate(names)) or [(value, f"{value:g}") for value in ticks(*self._y)]:
+            self._line(self._x, [value] * 2, class_="grid")
+            self._text(text, self._left - 6.0, self._up(value) + 4.0, "end")
+        self._text(x_label, (self._left + width - _RIGHT) / 2.0, height - 8.0, "middle")
+        turned = f"rotate(-90 13 {(_TOP + height - _BOTTOM) / 2.0:.4g})"
+        self._text(y_label, 13.0, (_TOP + height - _BOTTOM) / 2.0, "middle", transform=turned)
 
     def _across(self, value: float) -> float:
         low, high = self._x
@@ -106,52 +115,43 @@ class Panel:
         low, high = self._y
         return self.height - _BOTTOM - (value - low) / (high - low) * (self.height - _TOP - _BOTTOM)
 
-    def _text(self, x: float, y: float, text: str, anchor: str) -> None:
-        self._parts.append(f'<text class="label" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>')
+    def _text(self, text: str, x: float, y: float, anchor: str, **style: Any) -> None:
+        self._parts.append(tag("text", text, class_="label", x=x, y=y, text_anchor=anchor, **style))
 
-    def _points(self, x: Array, y: Array) -> str:
-        return " ".join(f"{self._across(a):.1f},{self._up(b):.1f}" for a, b in zip(x, y, strict=True))
+    def _line(self, x: _Ends, y: _Ends, title: str = "", *, shape: str = "polyline", **style: Any) -> None:
+        """Through points of the axes, (n,) each."""
+        points = " ".join(f"{self._across(a):.1f},{self._up(b):.1f}" for a, b in zip(x, y, strict=True))
+        told = title and tag("title", title)
+        self._parts.append(tag(shape, told, points=points, **style))
 
     def curve(self, x: Array, y: Array, k: int, title: str) -> None:
         """A line through points (n,)."""
-        self._parts.append(
-            f'<polyline points="{self._points(x, y)}" fill="none" stroke="{colour(k)}" stroke-width="2" '
-            f'stroke-dasharray="{dashes(k)}"><title>{escape(title)}</title></polyline>'
-        )
+        self._line(x, y, title, fill="none", stroke=colour(k), stroke_width=2, stroke_dasharray=dashes(k))
 
     def band(self, x: Array, low: Array, high: Array, k: int) -> None:
         """What lies between two lines, shaded."""
-        points = self._points(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))
-        self._parts.append(f'<polygon points="{points}" fill="{colour(k)}" fill-opacity="0.14"/>')
+        around = np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]])
+        self._line(*around, shape="polygon", fill=colour(k), fill_opacity=0.14)
 
     def cross(self, x: tuple[float, float, float], y: tuple[float, float, float], k: int, title: str) -> None:
         """A point with its intervals: value, low, high in both directions."""
-        (a, left, right), (b, low, high) = x, y
-        line = f'stroke="{colour(k)}" stroke-width="1.5"'
-        for x1, x2, y1, y2 in ((left, right, b, b), (a, a, low, high)):
-            self._parts.append(
-                f'<line x1="{self._across(x1):.1f}" x2="{self._across(x2):.1f}" y1="{self._up(y1):.1f}" '
-                f'y2="{self._up(y2):.1f}" {line}/>'
-            )
-        self._parts.append(marker(k, self._across(a), self._up(b), title))
+        for ends in ((x[1:], [y[0]] * 2), ([x[0]] * 2, y[1:])):
+            self._line(*ends, stroke=colour(k), stroke_width=1.5)
+        self._parts.append(marker(k, self._across(x[0]), self._up(y[0]), title))
 
     def box(self, row: int, quantiles: Sequence[float], k: int, title: str) -> None:
         """Least, lower quartile, median, upper quartile and largest of something, along x."""
-        least, lower, median, upper, most = (self._across(value) for value in quantiles)
-        y, line = self._up(float(row)), f'stroke="{colour(k)}" stroke-width="1.5"'
-        self._parts.append(f'<g><title>{escape(title)}</title><line x1="{least:.1f}" x2="{most:.1f}" y1="{y:.1f}" ')
-        self._parts.append(f'y2="{y:.1f}" {line}/><rect x="{lower:.1f}" y="{y - 6.0:.1f}" height="12" ')
-        self._parts.append(f'width="{max(upper - lower, 0.5):.1f}" fill="{colour(k)}" fill-opacity="0.3" {line}/>')
-        self._parts.append(
-            f'<line x1="{median:.1f}" x2="{median:.1f}" y1="{y - 6.0:.1f}" y2="{y + 6.0:.1f}" '
-            f'stroke="{colour(k)}" stroke-width="3"/></g>'
-        )
+        least, lower, median, upper, most = quantiles
+        low, high, line = row + 0.25, row - 0.25, colour(k)
+        around = [lower, upper, upper, lower], [low, low, high, high]
+        self._line([least, most], [row] * 2, title, stroke=line, stroke_width=1.5)
+        self._line(*around, title, shape="polygon", stroke=line, stroke_width=1.5, fill=line, fill_opacity=0.3)
+        self._line([median] * 2, [low, high], title, stroke=line, stroke_width=3)
 
-    def __str__(self) -> str:
-        return (
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width:g} {self.height:g}" '
-            f'width="{self.width:g}" role="img">{"".join(self._parts)}</svg>'
-        )
+    def drawn(self) -> Markup:
+        """The figure."""
+        size = {"viewBox": f"0 0 {self.width:g} {self.height:g}", "width": f"{self.width:g}"}
+        return tag("svg", *self._parts, xmlns="http://www.w3.org/2000/svg", **size, role="img")
 
 
 def _range(ends: tuple[float, float]) -> tuple[float, float]:

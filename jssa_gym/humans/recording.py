@@ -9,9 +9,6 @@ axis points up from the floor; it is the robot's base axis.
 import csv
 import io
 import os
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,26 +17,12 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.exceptions import RecordingError
-from jssa_gym.storage import read_text, read_whole, whole_file
+from jssa_gym.storage import open_archive, open_whole, read_array, read_text, refused, whole_file, write_archive
 from jssa_gym.types import Array
 
 _FIELDS = ("time", "start", "end", "radius", "names")
 _LARGEST = 2**30
-"""Bytes that no file unpacks to."""
-
-_MALFORMED = (
-    ValueError,
-    KeyError,
-    OSError,
-    EOFError,
-    NotImplementedError,
-    RuntimeError,
-    MemoryError,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""What numpy and zipfile raise for archives that are not whole."""
+"""Size from which nothing is read, on disk and unpacked [bytes]."""
 
 _ENDS = tuple(f"{end}.{axis}" for end in ("start", "end") for axis in "xyz")
 
@@ -147,7 +130,7 @@ class Recording:
             raise RecordingError(f"there is no folder {path.parent}")
         values = {name: getattr(self, name) for name in _FIELDS[:-1]}
         with whole_file(path) as file:
-            np.savez_compressed(file, names=np.array(self.names), **values)
+            write_archive(file, {"names": np.array(self.names), **values}, compressed=True)
 
 
 def _path(path: Any) -> Path:
@@ -168,22 +151,17 @@ def _numbers(name: str, value: Any) -> Array:
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
-    try:
-        content = io.BytesIO(read_whole(path, RecordingError, _LARGEST))
-        with zipfile.ZipFile(content) as archive:
-            unpacked = sum(member.file_size for member in archive.infolist())
-        if unpacked > _LARGEST:
-            raise ValueError(f"it unpacks to {unpacked} bytes, more than {_LARGEST}")
-        with np.load(content, allow_pickle=False) as archive:
-            missing = [name for name in _FIELDS if name not in archive]
-            if missing:
-                raise RecordingError(f"misses {', '.join(missing)}; a recording has {', '.join(_FIELDS)}")
-            values: dict[str, Any] = {name: archive[name] for name in _FIELDS}
-    except RecordingError:
-        raise
-    except _MALFORMED as error:
-        raise RecordingError(f"is no complete .npz archive of arrays: {error}") from error
-    names = np.asarray(values["names"])
+    told = "is no complete .npz archive of arrays"
+    with (
+        open_whole(path, RecordingError, _LARGEST) as file,
+        refused(RecordingError, told),
+        open_archive(file, _LARGEST) as archive,
+    ):
+        missing = [name for name in _FIELDS if f"{name}.npy" not in archive.namelist()]
+        if missing:
+            raise RecordingError(f"misses {', '.join(missing)}; a recording has {', '.join(_FIELDS)}")
+        values: dict[str, Any] = {name: read_array(archive, name) for name in _FIELDS}
+    names = values["names"]
     if names.dtype.kind != "U" or names.ndim != 1:
         raise RecordingError(f"names has to be a list of strings, got {names.dtype} of shape {names.shape}")
     return {**values, "names": tuple(names.tolist())}

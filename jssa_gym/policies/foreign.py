@@ -2,7 +2,6 @@
 
 import io
 import re
-import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import MissingExtraError, PolicyFileError
-from jssa_gym.policies.files import LARGEST, content_of
+from jssa_gym.policies.files import LARGEST
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.model import ModelPolicy
 from jssa_gym.policies.network import MOST_LAYERS, WIDEST, Network
 from jssa_gym.policies.scripted import Policy
 from jssa_gym.robots import RobotModel, make_robot
+from jssa_gym.storage import open_archive, read_member, read_whole
 from jssa_gym.types import Array
 
 INSTALL = "pip install 'jssa-gym[train]', or pip install -e '.[train]' in a clone"
@@ -164,31 +164,24 @@ def unpickle_sb3(path: str | Path) -> Policy:
 
 def _weights(path: str | Path) -> tuple[dict[str, Any], set[str]]:
     """State of the policy's modules, and the activations that the file mentions in plain text."""
-    content = content_of(path)
+    content = read_whole(Path(path), PolicyFileError, LARGEST)
     try:
         import torch
     except ImportError as error:
         raise MissingExtraError(f"models of Stable-Baselines3 need the extra 'train': {INSTALL}") from error
     try:
-        members = _unpacked(content, ("policy.pth", "data"))
-        _unpacked(members["policy.pth"], ())
-        state = torch.load(io.BytesIO(members["policy.pth"]), map_location="cpu", weights_only=True)
+        with open_archive(content, LARGEST) as archive:
+            weights, data = (read_member(archive, name) for name in ("policy.pth", "data"))
+        with open_archive(weights, LARGEST):
+            state = torch.load(io.BytesIO(weights), map_location="cpu", weights_only=True)
     except Exception as error:  # damaged archives raise all kinds of things
         raise PolicyFileError(f"{path} is no model of Stable-Baselines3, or damaged: {_line(error)}") from error
     if not isinstance(state, dict) or not all(
         isinstance(name, str) and isinstance(value, torch.Tensor) for name, value in state.items()
     ):
         raise PolicyFileError(f"{path} is no model of Stable-Baselines3: its policy.pth holds no state of modules")
-    mentioned = re.findall(rb"torch\.nn\.modules\.activation\.(\w+)", members["data"])
+    mentioned = re.findall(rb"torch\.nn\.modules\.activation\.(\w+)", data)
     return state, {name.decode() for name in mentioned}
-
-
-def _unpacked(content: bytes, names: tuple[str, ...]) -> dict[str, bytes]:
-    """Some members of an archive of which nothing unpacks to more than a file may have."""
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > LARGEST:
-            raise ValueError(f"it unpacks to more than {LARGEST} bytes")
-        return {name: archive.read(name) for name in names}
 
 
 def _line(error: Exception) -> str:

@@ -9,10 +9,10 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from jssa_gym.exceptions import CheckpointError
-from jssa_gym.storage import read_text
+from jssa_gym.storage import open_whole, read_text, refused, whole_file, write_whole
 
 MANIFEST = "manifest.json"
 
@@ -51,7 +51,7 @@ class Checkpoint:
 
 
 def write_checkpoint(
-    folder: Path, steps: int, data: Mapping[str, Any], writers: Mapping[str, Callable[[Path], Any]]
+    folder: Path, steps: int, data: Mapping[str, Any], writers: Mapping[str, Callable[[IO[bytes]], Any]]
 ) -> Checkpoint:
     """Write a checkpoint so that a crash at any moment leaves it complete or not there, and drop the oldest ones.
 
@@ -61,7 +61,7 @@ def write_checkpoint(
         folder: Where checkpoints are kept.
         steps: Policy steps so far; also the checkpoint's name.
         data: What else belongs to it, as JSON can hold it.
-        writers: By name, what writes a file at a path.
+        writers: By name, what fills a file.
 
     Raises:
         CheckpointError: The disk is full, or a file is larger than may be read again.
@@ -75,17 +75,14 @@ def write_checkpoint(
         unfinished.mkdir()  # nobody's but this process's, or an error
         sums: dict[str, str] = {}
         for name, write in writers.items():
-            path = unfinished / name
-            write(path)
-            if path.stat().st_size > LARGEST:
-                raise CheckpointError(f"{name} has {path.stat().st_size:,} bytes, more than {LARGEST:,}")
-            _to_disk(path)
-            sums[name] = _sha256(path)
+            with whole_file(unfinished / name) as file:
+                write(file)
+                if (size := file.seek(0, os.SEEK_END)) > LARGEST:
+                    raise CheckpointError(f"{name} has {size:,} bytes, more than {LARGEST:,}")
+                sums[name] = _sha256(file)
         body = {"version": _VERSION, "steps": steps, "files": sums, "data": dict(data)}
-        manifest = unfinished / MANIFEST
         text = json.dumps({**body, "sha256": _digest(body)}, indent=2, allow_nan=False) + "\n"
-        manifest.write_text(text, encoding="utf-8")
-        _to_disk(manifest)
+        write_whole(unfinished / MANIFEST, text)
         _to_disk(unfinished)
         shutil.rmtree(target, ignore_errors=True)  # of the same steps: a bad one that is written anew
         unfinished.replace(target)
@@ -107,8 +104,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         CheckpointError: Something is missing, truncated or changed; the message says what.
     """
     path = folder / MANIFEST
-    try:
-        _check_file(path, LARGEST_MANIFEST)
+    with refused(CheckpointError, f"{path} is no manifest"):
         body = json.loads(read_text(path, CheckpointError, LARGEST_MANIFEST))
         checksum = body.pop("sha256")
         if body["version"] != _VERSION:
@@ -116,31 +112,18 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         if checksum != _digest(body):
             raise CheckpointError(f"{path} was changed: its own checksum differs")
         for name, expected in body["files"].items():
-            file = folder / name
-            if file.parent != folder or name in ("", ".", ".."):
+            if (folder / name).parent != folder or name in ("", ".", ".."):
                 raise CheckpointError(f"{path} names a file outside its folder: {name!r}")
-            _check_file(file, LARGEST)
-            if _sha256(file) != expected:
-                raise CheckpointError(f"{file} was changed or truncated: its SHA-256 differs from the manifest's")
+            with open_whole(folder / name, CheckpointError, LARGEST) as file:
+                if _sha256(file) != expected:
+                    raise CheckpointError(
+                        f"{folder / name} was changed or truncated: its SHA-256 differs from the manifest's"
+                    )
         if folder.name != f"{body['steps']:012d}":
             raise CheckpointError(f"{path} is of {body['steps']} policy steps, its folder's name says otherwise")
         if not isinstance(body["data"], dict):
             raise CheckpointError(f"{path} is no manifest: its data are no mapping")
         return Checkpoint(folder, int(body["steps"]), body["data"], frozenset(body["files"]))
-    except CheckpointError:
-        raise
-    except OSError as error:
-        raise CheckpointError(f"cannot read the checkpoint {folder}: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, MemoryError) as error:
-        raise CheckpointError(f"{path} is no manifest: {error}") from error
-
-
-def _check_file(path: Path, largest: int) -> None:
-    """Whether something may be read to its end: a device or a pipe would not have one."""
-    if not path.is_file():
-        raise CheckpointError(f"{path} is missing or no file")
-    if path.stat().st_size > largest:
-        raise CheckpointError(f"{path} is larger than {largest:,} bytes")
 
 
 def latest_checkpoint(folder: Path) -> tuple[Checkpoint | None, list[CheckpointError]]:
@@ -176,13 +159,13 @@ def _digest(body: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _sha256(file: Any) -> str:
+    file.seek(0)
+    return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _to_disk(path: Path) -> None:
-    """Have the system write a file, or a folder's entries, before anything later."""
+    """Have the system write a folder's entries before anything later."""
     handle = os.open(path, os.O_RDONLY)
     try:
         with contextlib.suppress(OSError):  # not every file system can do it for folders

@@ -1,11 +1,10 @@
 """What a training needs to go on: networks, optimisers, statistics, replay buffer; arrays and tensors, no pickles."""
 
 import io
-import zipfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import torch
@@ -14,13 +13,14 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from jssa_gym.exceptions import CheckpointError
-from jssa_gym.train.arrays import check_stored, read_arrays, write_arrays
+from jssa_gym.storage import open_archive, open_whole, read_array, refused, write_archive
+from jssa_gym.train.checkpoint import LARGEST
 
 PARAMETERS, STATISTICS, BUFFER = "parameters.pt", "statistics.npz", "buffer.npz"
 """Files of a checkpoint."""
 
 
-def save_parameters(model: BaseAlgorithm, path: Path) -> None:
+def save_parameters(model: BaseAlgorithm, file: IO[bytes]) -> None:
     """Networks, optimisers and counters; tensors only."""
     names, tensors = model._get_torch_save_params()
     state = {
@@ -31,7 +31,7 @@ def save_parameters(model: BaseAlgorithm, path: Path) -> None:
     assert set(names) == set(state["parameters"])
     content = io.BytesIO()  # torch's own writer says of a full disk that something is inconsistent
     torch.save(state, content)
-    path.write_bytes(content.getvalue())
+    file.write(content.getvalue())
 
 
 def load_parameters(model: BaseAlgorithm, path: Path) -> None:
@@ -41,9 +41,9 @@ def load_parameters(model: BaseAlgorithm, path: Path) -> None:
         CheckpointError: It is for another network, or no such file.
     """
     try:
-        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
-            check_stored(archive, path.stat().st_size)
-        state = torch.load(path, map_location=model.device, weights_only=True)
+        with open_whole(path, CheckpointError, LARGEST) as file, open_archive(file):
+            file.seek(0)
+            state = torch.load(file, map_location=model.device, weights_only=True)
         _check_parameters(model, state)
         model.set_parameters(state["parameters"], exact_match=True, device=model.device)
         with torch.no_grad():
@@ -86,7 +86,7 @@ def _same_tensors(own: Mapping[str, torch.Tensor], found: Mapping[str, torch.Ten
 _MOMENTS = ("mean", "var", "count")
 
 
-def save_statistics(model: BaseAlgorithm, path: Path) -> None:
+def save_statistics(model: BaseAlgorithm, file: IO[bytes]) -> None:
     """Running statistics of observations and rewards."""
     arrays: dict[str, NDArray[Any]] = {}
     norm = model.get_vec_normalize_env()
@@ -94,7 +94,7 @@ def save_statistics(model: BaseAlgorithm, path: Path) -> None:
         for kind in ("obs", "ret"):
             rms: Any = getattr(norm, f"{kind}_rms")
             arrays |= {f"{kind}_{moment}": np.asarray(getattr(rms, moment), np.float64) for moment in _MOMENTS}
-    write_arrays(path, arrays)
+    write_archive(file, arrays)
 
 
 def load_statistics(model: BaseAlgorithm, path: Path) -> None:
@@ -107,7 +107,7 @@ def load_statistics(model: BaseAlgorithm, path: Path) -> None:
     if norm is None:
         return
     running = {kind: getattr(norm, f"{kind}_rms") for kind in ("obs", "ret")}
-    arrays = read_arrays(
+    arrays = _read(
         path,
         {
             f"{kind}_{moment}": np.asarray(getattr(rms, moment), np.float64)
@@ -126,13 +126,13 @@ def load_statistics(model: BaseAlgorithm, path: Path) -> None:
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
-def save_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
+def save_buffer(model: OffPolicyAlgorithm, file: IO[bytes]) -> None:
     """The filled part of the replay buffer."""
     buffer = model.replay_buffer
     assert buffer is not None
     filled = buffer.size()
     columns = {name: getattr(buffer, name)[:filled] for name in _COLUMNS}
-    write_arrays(path, {**columns, "cursor": np.array([buffer.pos, buffer.full], np.int64)})
+    write_archive(file, {**columns, "cursor": np.array([buffer.pos, buffer.full], np.int64)})
 
 
 def load_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
@@ -144,12 +144,29 @@ def load_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
     buffer = model.replay_buffer
     assert buffer is not None
     whole = {name: getattr(buffer, name) for name in _COLUMNS}
-    (cursor,) = read_arrays(path, {"cursor": np.zeros(2, np.int64)}, among=_COLUMNS).values()
+    (cursor,) = _read(path, {"cursor": np.zeros(2, np.int64)}, among=_COLUMNS).values()
     pos, full = (int(x) for x in cursor)
     if full not in (0, 1) or not 0 <= pos < buffer.buffer_size:
         raise CheckpointError(f"{path} does not hold this training's replay buffer: its cursor is {pos}, {full}")
     filled = buffer.buffer_size if full else pos
-    arrays = read_arrays(path, {name: column[:filled] for name, column in whole.items()}, among=("cursor",))
+    arrays = _read(path, {name: column[:filled] for name, column in whole.items()}, among=("cursor",))
     for name, column in whole.items():
         column[:filled] = arrays[name]
     buffer.pos, buffer.full = pos, bool(full)
+
+
+def _read(path: Path, like: Mapping[str, NDArray[Any]], among: Collection[str] = ()) -> dict[str, NDArray[Any]]:
+    """Arrays of a file, each of the shape and type of its like; ``among`` are others that have to be there."""
+    with (
+        open_whole(path, CheckpointError, LARGEST) as file,
+        refused(CheckpointError, f"{path} does not hold what belongs to this training"),
+        open_archive(file) as archive,
+    ):
+        wanted, names = {f"{name}.npy" for name in (*like, *among)}, archive.namelist()
+        if set(names) != wanted:
+            raise ValueError(f"it holds {', '.join(sorted(names))[:300]} instead of {', '.join(sorted(wanted))}")
+        arrays = {name: read_array(archive, name) for name in like}
+        for name, expected in like.items():
+            if (found := (arrays[name].shape, arrays[name].dtype)) != (expected.shape, expected.dtype):
+                raise ValueError(f"{name} has {found} instead of {expected.shape}, {expected.dtype}")
+        return arrays

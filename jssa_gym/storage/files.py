@@ -1,10 +1,13 @@
-"""Files that are complete or not there, and files that are what they seem to be."""
+"""Files that are complete or not there, and readers that say what is wrong with one."""
 
 import contextlib
+import csv
 import hashlib
 import io
 import os
 import secrets
+import zipfile
+import zlib
 from collections.abc import Generator
 from pathlib import Path
 from typing import IO, Any
@@ -119,8 +122,46 @@ def _told(path: Path) -> Generator[None]:
         raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def read_whole(path: Path, failure: type[JSSAGymError], largest: int = LARGEST) -> bytes:
-    """All bytes of a file, which is no folder and no device, and not too large.
+_MALFORMED = (
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,  # also of deep JSON and of encrypted members
+    TypeError,
+    ValueError,
+    csv.Error,
+    zipfile.BadZipFile,
+    zlib.error,
+    ArithmeticError,
+)
+"""What ``zipfile``, ``numpy``, ``json`` and constructors raise about content that is none of theirs."""
+
+
+@contextlib.contextmanager
+def refused(failure: type[JSSAGymError], message: str) -> Generator[None]:
+    """Whatever goes wrong with a file's content is one error; one of its own type goes on as it is.
+
+    Args:
+        failure: What to raise.
+        message: That names the file and what it should be.
+
+    Raises:
+        JSSAGymError: ``failure``, of the message and what went wrong.
+    """
+    try:
+        yield
+    except failure:
+        raise
+    except _MALFORMED as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else str(error) or type(error).__name__
+        raise failure(f"{message}: {what}") from error
+
+
+@contextlib.contextmanager
+def open_whole(path: Path, failure: type[JSSAGymError], largest: int = LARGEST) -> Generator[IO[bytes]]:
+    """A file to read, which is no folder and no device, and not too large.
 
     Args:
         path: Of the file.
@@ -133,15 +174,35 @@ def read_whole(path: Path, failure: type[JSSAGymError], largest: int = LARGEST) 
     try:
         if path.exists() and not path.is_file():
             raise failure(f"cannot read {path}: it is no file")
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            if size > largest:
-                raise failure(f"cannot read {path}: it has {size:,} bytes, more than {largest:,}")
-            return file.read(size)
+        file = path.open("rb")
     except failure:
         raise
     except (OSError, ValueError) as error:  # the latter of names that no file can have
         raise failure(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
+    with file:
+        size = os.fstat(file.fileno()).st_size
+        if size > largest:
+            raise failure(f"cannot read {path}: it has {size:,} bytes, more than {largest:,}")
+        yield file
+
+
+def read_whole(path: Path, failure: type[JSSAGymError], largest: int = LARGEST) -> bytes:
+    """All bytes of a file, as of :func:`open_whole`."""
+    with open_whole(path, failure, largest) as file, refused(failure, f"cannot read {path}"):
+        return file.read(os.fstat(file.fileno()).st_size)
+
+
+def whole_lines(path: Path, failure: type[JSSAGymError]) -> tuple[bytes, bytes]:
+    """The whole lines of a file that grows, and what comes after them: a line that a crash cut off.
+
+    Args:
+        path: Of the file; if there is none, it has no lines.
+        failure: As of :func:`open_whole`.
+    """
+    if not path.exists():
+        return b"", b""
+    whole, end, cut = read_whole(path, failure).rpartition(b"\n")
+    return whole + end, cut
 
 
 def read_text(path: Path, failure: type[JSSAGymError], largest: int = LARGEST) -> str:
