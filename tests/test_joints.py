@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import reference as ref
+from monitors import JointMonitor
 
 from jssa_gym.envs import ArmEnv
 from jssa_gym.exceptions import InvalidActionError, ParameterError
@@ -13,8 +14,8 @@ from jssa_gym.humans import nobody, together
 from jssa_gym.kernels.motion import violates
 from jssa_gym.policies import BangBangPolicy
 from jssa_gym.safety.failsafe import FailsafeParams, levers
-from jssa_gym.safety.joints import AGREEMENTS, JointMonitor
 from jssa_gym.shields import FILTERS, JSSAShield, Shield, make_filter
+from jssa_gym.tick.joints import AGREEMENTS
 from jssa_gym.types import JointState, Planes, Scene, Status
 
 DT = 0.008
@@ -335,7 +336,7 @@ def test_measured_states_can_be_fed_within_their_tolerance(robot, make_scene, ca
                 assert decision.status != Status.FAULT, decision.reason
         assert trusted == (decision.status != Status.FAULT)
         # what is planned from is not the noise: after the first reading it is reckoned
-        off = np.abs(own.filter._guard.expected - own.state).max(axis=1)
+        off = np.abs(own.filter.expected - own.state).max(axis=1)
         assert not trusted or (off[0] <= noise[0] and off[1:].max() < 1e-9)
 
 
@@ -481,7 +482,7 @@ def test_an_arm_that_was_moved_by_hand_is_rebased_from_rest(robot, make_scene, c
     own.filter.rebase(own.scene())
     for _ in range(30):
         assert own.step(0.1 * robot.limits.jerk).status == Status.NOMINAL
-    np.testing.assert_allclose(own.filter._guard.expected, own.state, atol=1e-12)
+    np.testing.assert_allclose(own.filter.expected, own.state, atol=1e-12)
 
 
 def test_a_shield_rebases_by_its_scene():

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from monitors import HumanMonitor, Watch
 from strollers import DT, Stage, ends_of
 
 from jssa_gym.envs.faults import FAULTS, SensorFaults
 from jssa_gym.envs.sensor import SensorModel
-from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import nobody
-from jssa_gym.safety.monitor import HumanMonitor, Watch
 from jssa_gym.types import CapsuleSet
 
 SPEED, ERROR, MAX_AGE = 2.0, 0.01, 0.2
@@ -316,12 +315,6 @@ def test_other_people_need_a_reset(monitor):
     assert not monitor.update(0.0, person(100.0), ages(), BOTH).fault
 
 
-def test_the_number_of_speeds_has_to_fit():
-    watch = HumanMonitor([1.0, 2.0, 3.0]).update(0.0, person(), ages(), BOTH)
-    assert watch.fault
-    assert "2 capsules for 3 speed bounds" in watch.reason
-
-
 def test_other_number_types_are_read(monitor):
     people = person(start=np.zeros((2, 3), np.float32), person=np.zeros(2, np.int32))
     people = people._replace(end=np.asfortranarray(np.zeros((2, 3), int)))
@@ -338,24 +331,6 @@ def test_nothing_is_shared(monitor):
     watch = monitor.update(DT, person(), ages(), NONE)
     assert_trusts(watch, 0.0, DT, DT)
     np.testing.assert_array_equal(watch.human.radius, [0.2, 0.1])
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"speed": 0.0},
-        {"speed": [1.0, np.nan]},
-        {"speed": [[1.0]]},
-        {"speed": np.inf},
-        {"position_error": -0.1},
-        {"position_error": np.nan},
-        {"max_age": 0.0},
-        {"max_age": np.inf},
-    ],
-)
-def test_bad_parameters_are_named(settings):
-    with pytest.raises(ParameterError, match=next(iter(settings))):
-        HumanMonitor(**settings)
 
 
 _NUMBER = st.one_of(

@@ -1,7 +1,7 @@
 """Who takes part in a campaign, by name: shields whole and weakened, people, and faults."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -12,12 +12,12 @@ import numpy as np
 from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
 from jssa_gym.envs.sensor import MissedTicks, SensorModel
 from jssa_gym.humans import HUMANS, Hand, HumanMotion, Pursuit, make_human
-from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.monitor import Watch
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
-from jssa_gym.shields.failsafe import Verdict, VerifiedStop
-from jssa_gym.types import Array, CapsuleSet, Scene
+from jssa_gym.shields.jssa import JSSAFilter
+from jssa_gym.tick import loop
+from jssa_gym.tick.layout import Settings
+from jssa_gym.types import Array, CapsuleSet, Decision, Scene
 from jssa_gym.validation import known_name
 
 LAG = 0.1
@@ -82,54 +82,53 @@ def _ticks(env: gym.Env, time: float) -> int:
     return round(time / env.get_wrapper_attr("dt"))
 
 
-# ---- stops with one thing wrong ----------------------------------------------------------------------
+# ---- filters with one thing wrong --------------------------------------------------------------------
 
 
-class _SlowPeople(VerifiedStop):
-    """Believes that people are slow; what the monitor believes is left alone."""
+class _SlowPeople(JSSAFilter):
+    """Believes that people are slow to come; what it believes of their measurements is left alone."""
 
-    def watch(self, scene: Scene | None) -> Watch:
-        watch = super().watch(scene)
-        self._growth = np.minimum(self._growth, _SLOW)
-        return watch
+    def assumed(self, names: Sequence[str]) -> tuple[Array, Array, Array]:
+        speed, growth, touch = super().assumed(names)
+        return speed, np.minimum(growth, _SLOW), touch
 
 
-class _OffByOne(VerifiedStop):
+class _OffByOne(JSSAFilter):
     """Begins a stored stop one tick late: its first jerk is applied twice."""
 
-    def confirm(self, state: Array, wanted: Array, watch: Watch, amend: Callable[[int, Array], Array]) -> Verdict:
-        before = self._stored
-        verdict = super().confirm(state, wanted, watch, amend)
-        if self._stored is not before:
-            self._tick = -1
-        return verdict
+    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
+        decision = super().decide(scene, nominal)
+        if self.records.answer.told[0]["chosen"] in (0, 1):
+            self.records.memory.arm[0]["step"] = -1
+        return decision
 
 
-class _Credulous(VerifiedStop):
+class _Credulous(JSSAFilter):
     """Believes every joint state that is finite, and plans from it."""
 
-    def follow(self, robot: Any, time: Any) -> str:
-        wrong = super().follow(robot, time)
-        state = np.array(robot, np.float64)
-        if not wrong or not np.isfinite(state).all():
-            return wrong
-        self.expected[:] = state
-        self._replan()
-        return ""
+    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
+        if scene is not None:
+            state = np.array(scene.robot, np.float64)
+            if np.isfinite(state).all() and not np.array_equal(state, self.expected):
+                self.expected[:] = state
+                loop.rebase(self.records.view.arms)
+        return super().decide(scene, nominal)
 
 
-class _Boundless(VerifiedStop):
+class _Boundless(JSSAFilter):
     """Knows no joint ranges and no speed limits; its stops keep acceleration and jerk limits."""
 
-    def __init__(self, robot: RobotModel, dt: float, params: FailsafeParams) -> None:
-        super().__init__(robot, dt, params)
-        self._bounds[:3] = np.array([-1e3, 1e3, 1e3])[:, None]
+    def settings(self) -> Settings:
+        settings = super().settings()
+        limits = settings.stop_limits.copy()
+        limits[:3] = np.array([-1e3, 1e3, 1e3])[:, None]
+        return settings._replace(stop_limits=limits)
 
 
-def _weakened(stop: type[VerifiedStop], env: gym.Env, params: FailsafeParams, viability: bool = True) -> JSSAShield:
-    """The shield with another stop than its own."""
+def _weakened(kind: type[JSSAFilter], env: gym.Env, params: FailsafeParams, viability: bool = True) -> JSSAShield:
+    """The shield with another filter than its own."""
     shield = JSSAShield(env, viability=viability, failsafe=params)
-    shield.filter._guard = stop(shield.filter.robot, shield.filter.dt, params)
+    shield.filter = kind(shield.filter.robot, shield.filter.dt, viability=viability, failsafe=params)
     return shield
 
 

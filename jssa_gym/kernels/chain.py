@@ -37,20 +37,19 @@ def drift_of(frame, r):
 
 
 @jit
-def forward(links, state, frames):
-    r"""Motion of all link frames: pose, velocity, acceleration and drift (Eq. 10).
+def pose(links, position, frames):
+    """Where all link frames are: rotation, origin and axis.
 
     Args:
         links: Chain geometry, shape (n,) of ``LINK``.
-        state: Rows position, velocity, acceleration, shape (3, n) [rad, rad/s, rad/s²].
-        frames: Result, shape (n,) of ``FRAME``, world coordinates.
+        position: Shape (n,) [rad].
+        frames: Result, shape (n,) of ``FRAME``, world coordinates; what moves is left alone.
     """
     for i in range(links.shape[0]):
         link, frame = links[i], frames[i]
         fixed, rotation = link["rotation"], frame["rotation"]
         x, y, z = link["axis"][0], link["axis"][1], link["axis"][2]
-        q, q_dot, q_ddot = state[0, i], state[1, i], state[2, i]
-        c, s = np.cos(q), np.sin(q)
+        c, s = np.cos(position[i]), np.sin(position[i])
         k = 1.0 - c
         # Rodrigues' rotation about the joint's axis, columns of the matrix
         turn = (
@@ -58,27 +57,18 @@ def forward(links, state, frames):
             (x * y * k - z * s, c + y * y * k, y * z * k + x * s),
             (x * z * k + y * s, y * z * k - x * s, c + z * z * k),
         )
+        local_axis = link["axis"]
+        # axis in the previous link's frame, then in the world
+        seated = (dot(fixed[0], local_axis), dot(fixed[1], local_axis), dot(fixed[2], local_axis))
         if i == 0:
             for row in range(3):
                 for column in range(3):
                     rotation[row, column] = dot(fixed[row], turn[column])
             put(frame["origin"], link["offset"])
-            axis = (dot(fixed[0], link["axis"]), dot(fixed[1], link["axis"]), dot(fixed[2], link["axis"]))
-            put(frame["axis"], axis)
-            put(frame["omega"], scale(axis, q_dot))
-            put(frame["alpha"], scale(axis, q_ddot))
-            put(frame["psi"], (0.0, 0.0, 0.0))
-            put(frame["velocity"], (0.0, 0.0, 0.0))
-            put(frame["acceleration"], (0.0, 0.0, 0.0))
-            put(frame["drift"], (0.0, 0.0, 0.0))
+            put(frame["axis"], seated)
             continue
         before = frames[i - 1]
         base = before["rotation"]
-        offset, local_axis = link["offset"], link["axis"]
-        # axis in the previous link's frame, then in the world
-        seated = (dot(fixed[0], local_axis), dot(fixed[1], local_axis), dot(fixed[2], local_axis))
-        axis = (dot(base[0], seated), dot(base[1], seated), dot(base[2], seated))
-        r = (dot(base[0], offset), dot(base[1], offset), dot(base[2], offset))
         for row in range(3):
             along_row = (
                 base[row, 0] * fixed[0, 0] + base[row, 1] * fixed[1, 0] + base[row, 2] * fixed[2, 0],
@@ -87,8 +77,42 @@ def forward(links, state, frames):
             )
             for column in range(3):
                 rotation[row, column] = dot(along_row, turn[column])
-        put(frame["axis"], axis)
-        put(frame["origin"], add(before["origin"], r))
+        put(frame["axis"], (dot(base[0], seated), dot(base[1], seated), dot(base[2], seated)))
+        put(frame["origin"], add(before["origin"], _offset(link, before)))
+
+
+@jit
+def _offset(link, before):
+    """From the origin of the frame before to the link's own, in world coordinates."""
+    base, offset = before["rotation"], link["offset"]
+    return (dot(base[0], offset), dot(base[1], offset), dot(base[2], offset))
+
+
+@jit
+def forward(links, state, frames):
+    r"""Motion of all link frames: pose, velocity, acceleration and drift (Eq. 10).
+
+    Args:
+        links: Chain geometry, shape (n,) of ``LINK``.
+        state: Rows position, velocity, acceleration, shape (3, n) [rad, rad/s, rad/s²].
+        frames: Result, shape (n,) of ``FRAME``, world coordinates.
+    """
+    pose(links, state[0], frames)
+    still = (0.0, 0.0, 0.0)
+    for i in range(links.shape[0]):
+        frame, q_dot, q_ddot = frames[i], state[1, i], state[2, i]
+        a = frame["axis"]
+        axis = (a[0], a[1], a[2])
+        if i == 0:
+            put(frame["omega"], scale(axis, q_dot))
+            put(frame["alpha"], scale(axis, q_ddot))
+            put(frame["psi"], still)
+            put(frame["velocity"], still)
+            put(frame["acceleration"], still)
+            put(frame["drift"], still)
+            continue
+        before = frames[i - 1]
+        r = _offset(links[i], before)
         put(frame["velocity"], velocity_of(before, r))
         put(frame["acceleration"], acceleration_of(before, r))
         put(frame["drift"], drift_of(before, r))
@@ -103,6 +127,29 @@ def forward(links, state, frames):
 
 
 @jit
+def _turned(frame, point):
+    """A point of a link, or its offset from the frame's origin, in world coordinates."""
+    rotation = frame["rotation"]
+    return (dot(rotation[0], point), dot(rotation[1], point), dot(rotation[2], point))
+
+
+@jit
+def place_axes(frames, capsules, segments):
+    """Where the axes of all robot capsules are; arguments as of :func:`place`, after :func:`pose` already."""
+    for i in range(capsules.shape[0]):
+        capsule, segment = capsules[i], segments[i]
+        frame = frames[capsule["link"]]
+        put(segment["start"], add(frame["origin"], _turned(frame, capsule["start"])))
+        r = _turned(frame, capsule["end"])
+        put(segment["end"], add(frame["origin"], r))
+        segment["radius"] = capsule["radius"]
+        segment["link"] = capsule["link"]
+        if capsule["link"] == 0:
+            start, end = cross(frame["axis"], subtract(segment["start"], frame["origin"])), cross(frame["axis"], r)
+            put(segment["swing"], scale(frame["axis"], np.sqrt(max(dot(start, start), dot(end, end)))))
+
+
+@jit
 def place(frames, capsules, segments):
     """Motion of the axes of all robot capsules in world coordinates.
 
@@ -111,24 +158,16 @@ def place(frames, capsules, segments):
         capsules: Shape (m,) of ``CAPSULE``.
         segments: Result, shape (m,) of ``SEGMENT``.
     """
+    place_axes(frames, capsules, segments)
     for i in range(capsules.shape[0]):
         capsule, segment = capsules[i], segments[i]
         frame = frames[capsule["link"]]
-        rotation = frame["rotation"]
-        a, b = capsule["start"], capsule["end"]
-        r = (dot(rotation[0], a), dot(rotation[1], a), dot(rotation[2], a))
-        put(segment["start"], add(frame["origin"], r))
+        r = _turned(frame, capsule["start"])
         put(segment["start_velocity"], velocity_of(frame, r))
         put(segment["start_acceleration"], acceleration_of(frame, r))
-        r = (dot(rotation[0], b), dot(rotation[1], b), dot(rotation[2], b))
-        put(segment["end"], add(frame["origin"], r))
+        r = _turned(frame, capsule["end"])
         put(segment["end_velocity"], velocity_of(frame, r))
         put(segment["end_acceleration"], acceleration_of(frame, r))
-        segment["radius"] = capsule["radius"]
-        segment["link"] = capsule["link"]
-        if capsule["link"] == 0:
-            start, end = cross(frame["axis"], subtract(segment["start"], frame["origin"])), cross(frame["axis"], r)
-            put(segment["swing"], scale(frame["axis"], np.sqrt(max(dot(start, start), dot(end, end)))))
 
 
 @jit

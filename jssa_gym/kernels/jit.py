@@ -22,9 +22,10 @@ from jssa_gym.kernels.cache import KernelCache
 
 
 def source_hash() -> str:
-    """Of all kernels."""
+    """Of all that is compiled."""
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    package = Path(__file__).parent.parent
+    for source in sorted(path for room in ("kernels", "tick") for path in (package / room).glob("*.py")):
         digest.update(source.name.encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
@@ -95,6 +96,15 @@ _FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 def jit(function: FunctionType) -> Any:
     """Compile a kernel on first use: cached on disk, IEEE arithmetic, division by zero gives inf."""
     return _compiled(function, _FLAGS)
+
+
+def part(function: FunctionType) -> Any:
+    """A part of one function: put into it before it is compiled, not compiled by itself.
+
+    Machine code of everything that a function calls is optimised again with it. For what is called once, and is there
+    to be read by itself, that would be compile time for nothing.
+    """
+    return _compiled(function, {**_FLAGS, "inline": "always"})
 
 
 def jit_released(function: FunctionType) -> Any:

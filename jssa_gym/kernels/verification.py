@@ -9,21 +9,15 @@ Distances are checked between samples too, by conservative advancement: a capsul
 next moment to look at is then.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.kernels.capsules import capsule_pair, plane_pair, stands
-from jssa_gym.kernels.chain import forward, place
+from jssa_gym.kernels.chain import place_axes, pose
 from jssa_gym.kernels.jit import jit
-from jssa_gym.kernels.motion import integrate, representable
-from jssa_gym.kernels.stopping import (
-    make_plan_representable,
-    peak_speed,
-    plan_stop,
-    step_keeps,
-    stop_at,
-    stop_jerk,
-    stop_keeps,
-)
+from jssa_gym.kernels.stopping import peak_speed, step_keeps, stop_at, stop_keeps
 
 REST = 1e-6
 """Speed of a point of the arm below which it is at rest [m/s]: what rounding leaves."""
@@ -128,13 +122,14 @@ def keeps_limits(state, jerk, after, plan, bounds, dt):
 
 
 @jit
-def _posture(state, jerk, after, plan, dt, t, posture, fastest):
+def _posture(motion, t, posture, fastest):
     """Joint positions at time t of step and stop, and each joint's largest speed from then on."""
+    state, jerk, after, plan, dt = motion
     for j in range(jerk.shape[0]):
         stop = plan[j]
         if t < dt:
             q, v, a, u = state[0, j], state[1, j], state[2, j], jerk[j]
-            posture[0, j] = q + t * v + t**2 / 2.0 * a + t**3 / 6.0 * u
+            posture[j] = q + t * v + t**2 / 2.0 * a + t**3 / 6.0 * u
             # the speed's extremes within the step: now, at its end, and where the acceleration passes zero
             now, turn = v + t * a + t**2 / 2.0 * u, 0.0
             if u != 0.0 and t < -a / u < dt:
@@ -142,74 +137,80 @@ def _posture(state, jerk, after, plan, dt, t, posture, fastest):
             later = peak_speed(after[1, j], after[2, j], stop, dt, 0.0)
             fastest[j] = max(max(abs(now), turn), later)
         else:
-            posture[0, j], _, _ = stop_at(after[0, j], after[1, j], after[2, j], stop, dt, t - dt)
+            posture[j], _, _ = stop_at(after[0, j], after[1, j], after[2, j], stop, dt, t - dt)
             fastest[j] = peak_speed(after[1, j], after[2, j], stop, dt, t - dt)
 
 
+class Motion(NamedTuple):
+    """One step and the stop after it."""
+
+    state: NDArray[np.float64]
+    """Present joint state, shape (3, n)."""
+    jerk: NDArray[np.float64]
+    """For one step, shape (n,) [rad/s³]."""
+    after: NDArray[np.float64]
+    """Joint state after it, shape (3, n)."""
+    plan: NDArray
+    """The stop from there, shape (n,) of ``STOP``."""
+    dt: float
+    """Step [s]."""
+
+
+class Around(NamedTuple):
+    """What an arm has to keep off."""
+
+    agents: NDArray
+    """People as they were last measured, shape (k,) of ``AGENT``."""
+    reach: NDArray[np.float64]
+    """How much each of them has grown until now, shape (k,) [m]."""
+    growth: NDArray[np.float64]
+    """How fast each of them grows, shape (k,) [m/s]."""
+    touch: NDArray[np.float64]
+    """Speed of a point of the arm with which each may be touched, shape (k,) [m/s]."""
+    statics: NDArray
+    """Shape (c,) of ``AGENT``."""
+    planes: NDArray
+    """Shape (p,) of ``PLANE``."""
+    margin: float
+    """Gap to keep from what stands still and from the arm itself [m]."""
+
+
 @jit
-def keeps_clear(
-    links,
-    capsules,
-    levers,
-    self_pairs,
-    state,
-    jerk,
-    after,
-    plan,
-    ticks,
-    dt,
-    agents,
-    reach,
-    speed,
-    touch,
-    statics,
-    planes,
-    margin,
-    posture,
-    fastest,
-    frames,
-    segments,
-):
-    """Whether one step at ``jerk`` and the stop after it keep off everything until the arm is at rest.
+def keeps_clear(robot, motion, ticks, around, work):
+    """Whether one step and the stop after it keep off everything until the arm is at rest.
 
     Args:
-        links, capsules, self_pairs: The robot.
-        levers: From :func:`jssa_gym.safety.failsafe.levers`, shape (m, n) [m].
-        state: Present joint state, shape (3, n).
-        jerk: For one step, shape (n,) [rad/s³].
-        after: Joint state after it, shape (3, n).
-        plan: Stop from there, shape (n,) of ``STOP``.
-        ticks: Its length.
-        dt: Step [s].
-        agents: People as they were last measured, shape (k,) of ``AGENT``.
-        reach: How much each of them has grown until now, shape (k,) [m].
-        speed: How fast each of them grows, shape (k,) [m/s].
-        touch: Speed of a point of the arm with which each may be touched, shape (k,) [m/s].
-        statics, planes: Shape (c,) of ``AGENT`` and (p,) of ``PLANE``.
-        margin: Gap to keep from them and from the arm itself [m].
-        posture, fastest, frames, segments: Scratch; ``posture`` of shape (3, n), its lower rows zero.
+        robot: Its ``links``, ``capsules``, ``self_pairs`` and ``levers``, see :class:`~jssa_gym.tick.layout.ArmRecord`.
+        motion: The step and the stop.
+        ticks: The stop's length.
+        around: What may not be met.
+        work: Scratch: ``posture`` and ``fastest`` (n,), ``frames_now`` and ``segments_now``.
 
     Returns:
         ``SAFE``, or what is in the way: its code, the robot's capsule, the other's number, the time of contact [s].
     """
+    dt, levers, agents, margin = motion.dt, robot.levers, around.agents, around.margin
+    reach, speed, touch, statics, planes = around.reach, around.growth, around.touch, around.statics, around.planes
+    fastest, frames, segments = work.fastest, work.frames_now, work.segments_now
+    self_pairs = robot.self_pairs
     end, t = dt * (1 + ticks), 0.0
     for _ in range(_LOOKS):
-        _posture(state, jerk, after, plan, dt, t, posture, fastest)
-        forward(links, posture, frames)
-        place(frames, capsules, segments)
+        _posture(motion, t, work.posture, fastest)
+        pose(robot.links, work.posture, frames)
+        place_axes(frames, robot.capsules, segments)
         lasting = end - t
         for i in range(segments.shape[0]):
-            robot = segments[i]
+            part = segments[i]
             rate, spin = 0.0, 0.0
-            for j in range(robot["link"] + 1):
+            for j in range(part["link"] + 1):
                 rate += levers[i, j] * fastest[j]
-                spin += (levers[i, j] + robot["radius"]) * fastest[j]
+                spin += (levers[i, j] + part["radius"]) * fastest[j]
             for k in range(agents.shape[0]):
                 if spin <= max(touch[k], REST):
                     continue
                 agent = agents[k]
-                radii = robot["radius"] + agent["radius"]
-                gap, _, _ = capsule_pair(robot["start"], robot["end"], agent["start"], agent["end"], radii)
+                radii = part["radius"] + agent["radius"]
+                gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
                 lasts = (gap - reach[k] - speed[k] * t) / (rate + speed[k])
                 if not (lasts > _SHORTEST):
                     return REACH, i, k, t
@@ -217,24 +218,24 @@ def keeps_clear(
             if rate <= REST:
                 continue
             for k in range(planes.shape[0]):
-                if stands(robot, planes[k]):
+                if stands(part, planes[k]):
                     continue
-                gap, _ = plane_pair(robot["start"], robot["end"], robot["radius"], planes[k])
+                gap, _ = plane_pair(part["start"], part["end"], part["radius"], planes[k])
                 lasts = (gap - margin) / rate
                 if not (lasts > _SHORTEST):
                     return HALF_SPACE, i, k, t
                 lasting = min(lasting, lasts)
             for k in range(statics.shape[0]):
                 static = statics[k]
-                radii = robot["radius"] + static["radius"]
-                gap, _, _ = capsule_pair(robot["start"], robot["end"], static["start"], static["end"], radii)
+                radii = part["radius"] + static["radius"]
+                gap, _, _ = capsule_pair(part["start"], part["end"], static["start"], static["end"], radii)
                 lasts = (gap - margin) / rate
                 if not (lasts > _SHORTEST):
                     return STATIC, i, k, t
                 lasting = min(lasting, lasts)
         for k in range(self_pairs.shape[0]):
             inner, outer = self_pairs[k, 0], self_pairs[k, 1]
-            if capsules[inner]["link"] > capsules[outer]["link"]:
+            if segments[inner]["link"] > segments[outer]["link"]:
                 inner, outer = outer, inner
             one, two = segments[inner], segments[outer]
             # seen from the inner link only the joints beyond it move the outer one
@@ -252,93 +253,3 @@ def keeps_clear(
         if t >= end:
             return SAFE, -1, -1, t
     return UNDECIDED, -1, -1, t
-
-
-@jit
-def choose(
-    links,
-    capsules,
-    levers,
-    self_pairs,
-    state,
-    wanted,
-    stored,
-    tick,
-    bounds,
-    dt,
-    agents,
-    reach,
-    speed,
-    touch,
-    statics,
-    planes,
-    margin,
-    jerk,
-    after,
-    plan,
-    posture,
-    fastest,
-    frames,
-    segments,
-):
-    """The first verified one of: the wanted jerk, the jerk half way to the stored stop's, the stored stop's.
-
-    Args:
-        wanted: Shape (n,) [rad/s³], shares of the jerk limits times these, so that what is verified is what an
-            environment integrates; so are the other two.
-        stored: The stored stop, shape (n,) of ``STOP``.
-        tick: Number of its ticks that are over.
-        jerk, after, plan: Results: the jerk, the state after it, the stop from there. For the stored stop ``plan``
-            holds nothing of use.
-        bounds: Rows lower and upper position, velocity, acceleration, jerk limits, shape (5, n).
-        links, capsules, levers, self_pairs, state, dt: As of :func:`keeps_clear`.
-        agents, reach, speed, touch, statics, planes, margin: As of :func:`keeps_clear`.
-        posture, fastest, frames, segments: Scratch.
-
-    Returns:
-        Which one (0, 1, 2); then code, robot capsule, other's number and time of what stood in the first one's way.
-    """
-    why, row, column, time = SAFE, -1, -1, 0.0
-    for attempt in range(2):
-        if attempt == 0:
-            for j in range(jerk.shape[0]):
-                jerk[j] = wanted[j]
-        else:
-            stop_jerk(stored, tick, jerk)
-            for j in range(jerk.shape[0]):
-                jerk[j] = representable((jerk[j] + wanted[j]) / 2.0, bounds[4, j])
-        integrate(state, jerk, dt, after)
-        ticks = plan_stop(after, bounds, dt, plan)
-        make_plan_representable(plan, bounds)
-        code, i, k, t = LIMITS, -1, -1, 0.0
-        if keeps_limits(state, jerk, after, plan, bounds, dt):
-            code, i, k, t = keeps_clear(
-                links,
-                capsules,
-                levers,
-                self_pairs,
-                state,
-                jerk,
-                after,
-                plan,
-                ticks,
-                dt,
-                agents,
-                reach,
-                speed,
-                touch,
-                statics,
-                planes,
-                margin,
-                posture,
-                fastest,
-                frames,
-                segments,
-            )
-        if attempt == 0:
-            why, row, column, time = code, i, k, t
-        if code == SAFE:
-            return attempt, why, row, column, time
-    stop_jerk(stored, tick, jerk)
-    integrate(state, jerk, dt, after)
-    return 2, why, row, column, time

@@ -32,7 +32,18 @@ def records_for(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
     """Records of the right number for :func:`agent_records`, ``out`` if it fits, still to be filled.
 
     Raises:
-        ValueError: The arrays' shapes do not fit together: kernels do not look.
+        ValueError: The arrays' shapes do not fit together.
+    """
+    check_capsules(capsules)
+    count = len(capsules.radius)
+    return records(count, AGENT) if out is None or len(out) != count else out
+
+
+def check_capsules(capsules: CapsuleSet) -> None:
+    """Compare the arrays' shapes: kernels do not look.
+
+    Raises:
+        ValueError: They do not fit together.
     """
     shape = capsules.radius.shape
     ends = (*shape, 3)
@@ -44,7 +55,6 @@ def records_for(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
         or capsules.end_velocity.shape != ends
     ):
         raise ValueError(f"capsules need ends and velocities of shape {ends} for radii of shape {shape}")
-    return records(shape[0], AGENT) if out is None or len(out) != shape[0] else out
 
 
 def plain(array: NDArray) -> NDArray:

@@ -6,13 +6,15 @@ import numpy as np
 
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.motion import integrate
-from jssa_gym.kernels.records import STOP, records
+from jssa_gym.kernels.records import FRAME, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import REST, plan_stop, stop_jerk
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, IndexParams
+from jssa_gym.safety.pairs import ROWS, Pairs, Rows
 from jssa_gym.shields.filter import SafetyFilter
-from jssa_gym.shields.pairs import ROWS, PairFilter, Rows
+from jssa_gym.shields.pairs import PairFilter
+from jssa_gym.shields.tick import Tick
 from jssa_gym.types import Array, Decision, Scene, Status
 from jssa_gym.validation import known_name, number_within, positive_number, share
 
@@ -66,20 +68,20 @@ class PFMFilter(PairFilter):
     params_type = PFMParams
     params: PFMParams
 
-    def _coefficients(self) -> tuple[float, float, float]:
+    def coefficients(self) -> tuple[float, float, float]:
         return self.params.influence, 0.0, 0.0
 
-    def _respond(self, nominal: Array, inside: bool) -> Decision:
-        p, watched, phi = self.params, self._watched(self.params.rows), self._phi.max()
-        near = watched[self._phi[watched] > 0.0]
-        D, rate, curvature, _ = self._motion[near].T
+    def answer(self, tick: Tick, pairs: Pairs, index: Array) -> Decision:
+        p, watched, phi = self.params, pairs.watched(self.params.rows, self.robot.limits.jerk), index.max()
+        near = watched[index[watched] > 0.0]
+        D, rate, curvature, _ = pairs.motion[near].T
         D = np.maximum(D, _NEAREST)
         force = p.strength * (1.0 / D - 1.0 / p.influence) / D**2 - p.damping * rate
         push = np.maximum(force - curvature, 0.0) / p.lag
-        jerk = np.clip(self._clipped + push @ self._rows[near], self.lower, self.upper)
-        if np.array_equal(jerk, self._clipped):
-            return self._untouched(nominal, inside, phi)
-        return self._decided(jerk, nominal, Status.PROJECTED, "a repulsive force", phi)
+        jerk = np.clip(tick.clipped + push @ pairs.rows[near], tick.lower, tick.upper)
+        if np.array_equal(jerk, tick.clipped):
+            return self.untouched(tick, phi)
+        return self.decided(tick, jerk, Status.PROJECTED, "a repulsive force", phi)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,22 +126,22 @@ class SMAFilter(PairFilter):
     params_type = SMAParams
     params: SMAParams
 
-    def _coefficients(self) -> tuple[float, float, float]:
+    def coefficients(self) -> tuple[float, float, float]:
         return self.params.d_min, self.params.lambda1, self.params.lambda2
 
-    def _respond(self, nominal: Array, inside: bool) -> Decision:
-        watched, bound = self._watched(self.params.rows), self._bounds[4]
-        phi = self._phi[watched].max(initial=-np.inf)
-        active = watched[self._phi[watched] > 0.0]
+    def answer(self, tick: Tick, pairs: Pairs, index: Array) -> Decision:
+        watched, bound = pairs.watched(self.params.rows, self.robot.limits.jerk), self.robot.limits.jerk
+        phi = index[watched].max(initial=-np.inf)
+        active = watched[index[watched] > 0.0]
         if not len(active):
-            return self._untouched(nominal, inside, phi)
-        away = self._rows[active].sum(axis=0)
+            return self.untouched(tick, phi)
+        away = pairs.rows[active].sum(axis=0)
         most = (np.abs(away) / bound).max()
         if not most > 1e-9:
-            jerk, reason = self._clipped.copy(), "no joint moves the pair"
-            return self._decided(jerk, nominal, Status.RELAXED, reason, phi, phi, len(active))
-        jerk = np.clip(self._clipped + self.params.gain / most * away, self.lower, self.upper)
-        return self._decided(jerk, nominal, Status.PROJECTED, "sliding mode", phi, 0.0, len(active))
+            jerk, reason = tick.clipped.copy(), "no joint moves the pair"
+            return self.decided(tick, jerk, Status.RELAXED, reason, phi, phi, len(active))
+        jerk = np.clip(tick.clipped + self.params.gain / most * away, tick.lower, tick.upper)
+        return self.decided(tick, jerk, Status.PROJECTED, "sliding mode", phi, 0.0, len(active))
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +200,6 @@ class SSMFilter(PairFilter):
         failsafe: FailsafeParams | None = None,
     ) -> None:
         super().__init__(robot, dt, params, viability=viability, failsafe=failsafe)
-        self._plan, self._future = records(robot.n, STOP), np.zeros((3, robot.n))
         self._resume: float | None = None
 
     def reset(self, scene: Scene) -> None:
@@ -206,74 +207,77 @@ class SSMFilter(PairFilter):
         super().reset(scene)
         self._resume = None
 
-    def _filter(self, scene: Scene, state: Array, agents: np.ndarray, nominal: Array, inside: bool) -> Decision:
-        ends = np.stack([agents["start_velocity"], agents["end_velocity"]])
-        self._walk = np.tile(ends, (1, len(self._segments), 1))
-        if not len(agents):
+    def respond(self, tick: Tick) -> Decision:
+        """Measure the pairs, and let :meth:`answer` decide; with nobody there the arm is not stopped."""
+        if not len(tick.people):
             self._resume = None
-        return super()._filter(scene, state, agents, nominal, inside)
+        return super().respond(tick)
 
-    def _respond(self, nominal: Array, inside: bool) -> Decision:
-        D = self._motion[:, 0]
-        needed = self.protective_distance(self._clipped)
+    def answer(self, tick: Tick, pairs: Pairs, index: Array) -> Decision:
+        D = pairs.motion[:, 0]
+        needed = self.protective_distance(tick, tick.clipped)
         phi, worst = (needed**2 - D * np.abs(D)).max(), (needed - D).argmax()
         enough = D[worst] >= needed[worst]
         if enough and (self._resume is None or D.min() >= self._resume):
             self._resume = None
-            return self._untouched(nominal, inside, phi)
+            return self.untouched(tick, phi)
         if self._resume is None:
             stopped = needed[worst] if needed[worst] < np.inf else max(D[worst], 0.0)
             self._resume = float(stopped + self.params.hysteresis)
         jerk = np.zeros(self.robot.n)
-        if np.abs(self._state[1:]).max() >= REST:
-            plan_stop(self._state, self._bounds, self.dt, self._plan)
-            stop_jerk(self._plan, 0, jerk)
-        jerk = np.clip(jerk, self.lower, self.upper)
+        if np.abs(tick.state[1:]).max() >= REST:
+            plan = records(self.robot.n, STOP)
+            plan_stop(tick.state, self.robot.limits.bounds(), self.dt, plan)
+            stop_jerk(plan, 0, jerk)
+        jerk = np.clip(jerk, tick.lower, tick.upper)
         reason = "closer than the protective distance" if not enough else "waiting for more distance"
-        return self._decided(jerk, nominal, Status.PROJECTED, reason, phi, 0.0, len(D))
+        return self.decided(tick, jerk, Status.PROJECTED, reason, phi, 0.0, len(D))
 
-    def _amended(self, decision: Decision, held: int, halt: Array) -> Array:
-        # to be asked again would be to stop again
-        return SafetyFilter._amended(self, decision, held, halt)
+    def amend(self, tick: Tick, decision: Decision, held: int, halt: Array) -> Array:
+        """The stored stop's jerk for the held joints: to be asked again would be to stop again."""
+        return SafetyFilter.amend(self, tick, decision, held, halt)
 
-    def protective_distance(self, jerk: Array) -> Array:
+    def protective_distance(self, tick: Tick, jerk: Array) -> Array:
         """:math:`S_p` of every pair, row-major, if ``jerk`` (n,) is applied in this step and then the arm stops [m]."""
-        p = self.params
-        came, time = self._stop(jerk)
+        p, normals = self.params, tick.pairs.normals
+        came, time = self._stop(tick, jerk)
         if not time < _LONGEST:
-            return np.full(len(self._motion), np.inf)
-        reaction = self.dt + p.latency
-        speed: float | Array = p.human_speed or np.maximum(np.einsum("epk,pk->ep", self._walk, self._normals).max(0), 0)
+            return np.full(len(normals), np.inf)
+        reaction, speed = self.dt + p.latency, p.human_speed
+        if speed is None:
+            ends = np.stack([tick.people["start_velocity"], tick.people["end_velocity"]])
+            walk = np.tile(ends, (1, len(self.robot.capsules), 1))
+            speed = np.maximum(np.einsum("epk,pk->ep", walk, normals).max(0), 0)
         return speed * (reaction + time) + came + p.intrusion + p.human_error + p.robot_error
 
-    def _stop(self, jerk: Array) -> tuple[Array, float]:
+    def _stop(self, tick: Tick, jerk: Array) -> tuple[Array, float]:
         """How far each pair's robot capsule comes towards the person until the arm rests [m]; how long the stop is [s].
 
         Of a stop that takes too long, only that it does.
         """
-        state, columns, unwanted = self._future, self._pairs.shape[1], np.empty(self.robot.n)
-        forward(self.robot.links, self._state, self._frames)
-        place(self._frames, self.robot.capsules, self._segments)
-        before = self._ends()
-        integrate(self._state, jerk, self.dt, state)
-        ticks = plan_stop(state, self._bounds, self.dt, self._plan)
+        robot, bounds = self.robot, self.robot.limits.bounds()
+        plan, state, unwanted = records(robot.n, STOP), np.empty((3, robot.n)), np.empty(robot.n)
+        before, _ = self._ends(tick.state)
+        integrate(tick.state, jerk, self.dt, state)
+        ticks = plan_stop(state, bounds, self.dt, plan)
         if ticks * self.dt >= _LONGEST:
             return np.zeros(0), np.inf
         path = np.empty((ticks + 1, *before.shape))
-        for tick in range(ticks + 1):
-            if tick:
-                stop_jerk(self._plan, tick - 1, unwanted)
-                integrate(state, unwanted, self.dt, state)
-            forward(self.robot.links, state, self._frames)
-            place(self._frames, self.robot.capsules, self._segments)
-            path[tick] = self._ends()
-            if tick == 0:
-                speed = np.stack([self._segments["start_velocity"], self._segments["end_velocity"]], axis=1)
-        normals = self._normals.reshape(len(self._segments), columns, 3)
+        path[0], speed = self._ends(state)
+        for k in range(ticks):
+            stop_jerk(plan, k, unwanted)
+            integrate(state, unwanted, self.dt, state)
+            path[k + 1], _ = self._ends(state)
+        normals = tick.pairs.normals.reshape(len(robot.capsules), len(tick.people), 3)
         came = np.einsum("tiek,ijk->tije", before - path, normals).max(axis=(0, 3))
         late = self.params.latency * np.einsum("iek,ijk->ije", -speed, normals).max(axis=2)
         return (np.maximum(came, 0.0) + np.maximum(late, 0.0)).reshape(-1), ticks * self.dt
 
-    def _ends(self) -> Array:
-        """Ends of the robot capsules, shape (m, 2, 3) [m]."""
-        return np.stack([self._segments["start"], self._segments["end"]], axis=1)
+    def _ends(self, state: Array) -> tuple[Array, Array]:
+        """Ends of the robot capsules, and their velocities, in a joint state (3, n): shape (m, 2, 3) [m, m/s]."""
+        robot = self.robot
+        frames, segments = records(robot.n, FRAME), records(len(robot.capsules), SEGMENT)
+        forward(robot.links, state, frames)
+        place(frames, robot.capsules, segments)
+        ends = (segments["start"], segments["end"]), (segments["start_velocity"], segments["end_velocity"])
+        return np.stack(ends[0], axis=1), np.stack(ends[1], axis=1)

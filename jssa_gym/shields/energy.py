@@ -10,8 +10,10 @@ from jssa_gym.kernels.projection import violation
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
+from jssa_gym.safety.pairs import ROWS, Pairs, Rows
 from jssa_gym.safety.projectors import ExactProjector
-from jssa_gym.shields.pairs import ROWS, PairFilter, Rows
+from jssa_gym.shields.pairs import PairFilter
+from jssa_gym.shields.tick import Tick
 from jssa_gym.types import Array, Decision, HalfSpaces, Status
 from jssa_gym.validation import known_name, positive_number
 
@@ -47,16 +49,16 @@ class RowFilter(PairFilter):
         super().__init__(robot, dt, params, viability=viability, failsafe=failsafe)
         self._projector = ExactProjector(robot.n, weight)
 
-    def _projected(self, nominal: Array, inside: bool, L: Array, S: Array, phi: float) -> Decision:
+    def projected(self, tick: Tick, L: Array, S: Array, phi: float) -> Decision:
         """The nearest jerk in box and rows; the nominal if it is there already."""
-        left = violation(L, S, len(S), self._clipped)
+        left = violation(L, S, len(S), tick.clipped)
         if left <= 0.0:
-            return self._untouched(nominal, inside, phi)
-        jerk, feasible, left, _ = self._projector.project(nominal, HalfSpaces(L, S), self.lower, self.upper)
+            return self.untouched(tick, phi)
+        jerk, feasible, left, _ = self._projector.project(tick.nominal, HalfSpaces(L, S), tick.lower, tick.upper)
         if not left < np.inf:
-            return self._failed(nominal, "the projection found no solution")
+            return self.failed(tick, "the projection found no solution")
         status, reason = (Status.PROJECTED, "safety rows") if feasible else (Status.RELAXED, "no jerk keeps all rows")
-        return self._decided(jerk, nominal, status, reason, phi, left, len(S))
+        return self.decided(tick, jerk, status, reason, phi, left, len(S))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,28 +99,28 @@ class SSAFilter(RowFilter):
     params_type = SSAParams
     params: SSAParams
 
-    def _coefficients(self) -> tuple[float, float, float]:
+    def coefficients(self) -> tuple[float, float, float]:
         return self.params.d_min, self.params.lambda1, 0.0
 
-    def _respond(self, nominal: Array, inside: bool) -> Decision:
-        tau, now, watched = self.dt, self._state[2], self._watched(self.params.rows)
-        phi = self._phi[watched].max(initial=-np.inf)
-        active = watched[self._phi[watched] >= 0.0]
-        L = tau * self.params.lambda1 * self._rows[active]
-        S = tau * (self.params.eta + self._rate(active)) + L @ now
-        count, wanted = len(S), now + tau * self._clipped
+    def answer(self, tick: Tick, pairs: Pairs, index: Array) -> Decision:
+        tau, now, watched = self.dt, tick.state[2], pairs.watched(self.params.rows, self.robot.limits.jerk)
+        phi = index[watched].max(initial=-np.inf)
+        active = watched[index[watched] >= 0.0]
+        L = tau * self.params.lambda1 * pairs.rows[active]
+        S = tau * (self.params.eta + self.rate_of_index(pairs, active)) + L @ now
+        count, wanted = len(S), now + tau * tick.clipped
         if violation(L, S, count, wanted) <= 0.0:
-            return self._untouched(nominal, inside, phi)
+            return self.untouched(tick, phi)
         unbounded = np.full(self.robot.n, _UNBOUNDED)
         safe = self._projector.project(wanted, HalfSpaces(L, S), -unbounded, unbounded).jerk
-        jerk = np.clip((safe - now) / tau, self.lower, self.upper)
+        jerk = np.clip((safe - now) / tau, tick.lower, tick.upper)
         left = violation(L, S, count, now + tau * jerk)
         if not left < np.inf:
-            return self._failed(nominal, "the projection found no solution")
+            return self.failed(tick, "the projection found no solution")
         status, reason = Status.PROJECTED, "safety rows"
         if left > _TOLERANCE:
             status, reason = Status.RELAXED, "the jerk bounds cut off the safe acceleration"
-        return self._decided(jerk, nominal, status, reason, phi, left, count)
+        return self.decided(tick, jerk, status, reason, phi, left, count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,16 +163,16 @@ class SSSFilter(RowFilter):
     params_type = SSSParams
     params: SSSParams
 
-    def _coefficients(self) -> tuple[float, float, float]:
+    def coefficients(self) -> tuple[float, float, float]:
         return self.params.d_min, self.params.lambda1, self.params.lambda2
 
-    def _respond(self, nominal: Array, inside: bool) -> Decision:
-        watched = self._watched(self.params.rows)
-        phi = self._phi[watched]
+    def answer(self, tick: Tick, pairs: Pairs, index: Array) -> Decision:
+        watched = pairs.watched(self.params.rows, self.robot.limits.jerk)
+        phi = index[watched]
         active, above = watched[phi >= 0.0], phi[phi >= 0.0]
-        L = self.dt * self.params.lambda2 * self._rows[active]
-        S = self.dt * (self.params.c * above + self._rate(active))
-        return self._projected(nominal, inside, L, S, phi.max(initial=-np.inf))
+        L = self.dt * self.params.lambda2 * pairs.rows[active]
+        S = self.dt * (self.params.c * above + self.rate_of_index(pairs, active))
+        return self.projected(tick, L, S, phi.max(initial=-np.inf))
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,17 +218,17 @@ class CBFFilter(RowFilter):
     params_type = CBFParams
     params: CBFParams
 
-    def _coefficients(self) -> tuple[float, float, float]:
+    def coefficients(self) -> tuple[float, float, float]:
         return self.params.d_min, 0.0, 0.0
 
-    def _respond(self, nominal: Array, inside: bool) -> Decision:
-        watched, p = self._watched(self.params.rows), self.params
-        D, rate, curvature, drift = self._motion[watched].T
-        L = self._rows[watched]
+    def answer(self, tick: Tick, pairs: Pairs, index: Array) -> Decision:
+        watched, p = pairs.watched(self.params.rows, self.robot.limits.jerk), self.params
+        D, rate, curvature, drift = pairs.motion[watched].T
+        L = pairs.rows[watched]
         S = -(
             drift
             + (p.k1 + p.k2 + p.k3) * curvature
             + (p.k1 * p.k2 + p.k1 * p.k3 + p.k2 * p.k3) * rate
             + p.k1 * p.k2 * p.k3 * (D - p.d_min)
         )
-        return self._projected(nominal, inside, L, S, self._phi.max())
+        return self.projected(tick, L, S, index.max())

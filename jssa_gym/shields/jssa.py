@@ -1,38 +1,22 @@
 """The jerk-based safe set algorithm as a filter."""
 
-import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.compiled import announce_compilation
-from jssa_gym.kernels.contact import unsound
-from jssa_gym.kernels.printed import printed_rows
-from jssa_gym.kernels.projection import violation
-from jssa_gym.kernels.records import AGENT, PLANE, records
-from jssa_gym.kernels.tick import rows_ahead
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import PROJECTORS
-from jssa_gym.safety.proximity import agent_records, plane_records
-from jssa_gym.shields.filter import SafetyFilter
-from jssa_gym.shields.horizon import Horizon
-from jssa_gym.shields.reasons import of_clipping
-from jssa_gym.types import Array, Decision, Scene, Status
+from jssa_gym.shields.filter import SafetyFilter, Tick
+from jssa_gym.shields.reasons import REASONS
+from jssa_gym.shields.words import Told
+from jssa_gym.tick import layout, loop
+from jssa_gym.tick.propose import PROJECT
+from jssa_gym.types import Array, Decision, HalfSpaces, Status
 from jssa_gym.validation import known_name, positive_number
-
-_TOLERANCE = 1e-6
-"""Index [m²] up to which a row counts as kept once the arm's true motion is computed."""
-
-_LINEARISATIONS = 3
-"""How often the exact row is linearised anew at the projected jerk; once is the rule."""
-
-
-class _UnsolvedError(Exception):
-    """There is no jerk to go on with; the message says why."""
 
 
 class JSSAFilter(SafetyFilter):
@@ -99,146 +83,76 @@ class JSSAFilter(SafetyFilter):
         self.index: IndexParams = self.params
         self.rows, self.gradient, self.static_rows = rows, gradient, static_rows
         self._projector = PROJECTORS[projector](robot.n, weight)
+        self._foreign = projector != "exact"
         self._authority = min_authority * self.index.lambda2 * self.dt
-        self._horizon = Horizon(robot, self.dt, self.index)
-        announce_compilation(printed_rows if gradient == "printed" else rows_ahead)
-        self._static_agents, self._planes = records(0, AGENT), records(0, PLANE)
-        self._all_agents = records(0, AGENT)
 
-    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
-        humans = len(agents)
-        if self.static_rows:
-            agents = self._with_static(scene, agents)
-        self._horizon.meet(len(agents), self._planes)
-        if self.gradient == "printed":
-            return self._printed(state, agents, nominal, inside)
-        return self._exact(state, agents, humans, nominal, inside)
+    @property
+    def proposal(self) -> int:
+        """Exact rows, or those of the paper."""
+        return layout.PRINTED if self.gradient == "printed" else layout.JSSA
 
-    def _with_static(self, scene: Scene, agents: NDArray) -> NDArray:
-        """Humans, then static capsules; the half-spaces go to ``self._planes``. Raises if they are no such thing."""
-        static, self._planes = agent_records(scene.static, self._static_agents), plane_records(scene.planes)
-        self._static_agents = static
-        if unsound(self._state, self._clipped, static):
-            raise ValueError("a static capsule is not finite")
-        normals, offsets = self._planes["normal"], self._planes["offset"]
-        if not (np.all(np.abs(np.linalg.norm(normals, axis=-1) - 1.0) < 1e-6) and np.all(np.isfinite(offsets))):
-            raise ValueError("a half-space needs a unit normal and a finite offset")
-        if len(self._all_agents) != len(agents) + len(static):
-            self._all_agents = records(len(agents) + len(static), AGENT)
-        self._all_agents[: len(agents)] = agents
-        self._all_agents[len(agents) :] = static
-        return self._all_agents
+    @property
+    def _compiled(self) -> bool:
+        return super()._compiled and not self._foreign
 
-    def _foresee(self, jerk: Array) -> tuple[float, float, tuple[int, int]]:
-        if self.gradient == "printed":
-            return super()._foresee(jerk)
-        # the agents are at the end of the step since the rows were made
-        worst, _, row, column, distance = self._horizon.ahead(self._state, self._seen, jerk, self._humans, False, 0)
-        return worst, distance, (row, column)
+    def settings(self) -> layout.Settings:
+        """The numbers that the control step goes by."""
+        V, diagonal = self._projector.weight, self._projector.diagonal
+        return (
+            super()
+            .settings()
+            ._replace(
+                index=self.index.kernel(),
+                closest=self.rows == "closest",
+                static_rows=self.static_rows,
+                authority=float(self._authority),
+                recovery=self.recovery,
+                diagonal=diagonal is not None,
+                weight=np.ones(self.robot.n) if diagonal is None else diagonal.copy(),
+                inverse=np.linalg.inv(V),
+            )
+        )
 
-    def _exact(self, state: Array, agents: NDArray, humans: int, nominal: Array, inside: bool) -> Decision:
-        """Exact rows; ``agents`` are moved to the end of the step."""
-        self._seen, self._humans = agents, humans
-        try:
-            kept, recovering, jerk, left, rows, note, worst, distance, pair = self._solve(nominal, True)
-        except _UnsolvedError as error:
-            return self._failed(nominal, str(error))
-        decision = self._decision(nominal, jerk, inside, kept, left, rows, note, worst, distance, pair)
-        if recovering and decision.status == Status.PROJECTED:
-            return decision._replace(status=Status.RELAXED, reason="recovering" + (f"; {note}" if note else ""))
-        return decision
+    def respond(self, tick: Tick) -> Decision:
+        """The compiled step's rows, projected by whatever projector this filter has."""
+        fault, note = self._solve(tick, True)
+        view = self.records.view
+        loop.name_status(view.arms, view.nominal, fault)
+        told = Told(*view.told.item())
+        if told.status == Status.FAULT:
+            return self.failed(tick, REASONS[told.code])
+        reason = "; ".join(part for part in (REASONS.get(told.code, ""), note) if part)
+        pair = told.row, told.column
+        return Decision(
+            self.records.work.wanted.copy(), tick.nominal, Status(told.status), reason,
+            told.phi, told.distance, pair, told.slack, told.rows,
+        )  # fmt: skip
 
-    def _amended(self, decision: Decision, held: int, halt: Array) -> Array:
+    def amend(self, tick: Tick, decision: Decision, held: int, halt: Array) -> Array:
         """Projected once more, in a box that leaves the held joints no choice."""
         if self.gradient == "printed":
-            return super()._amended(decision, held, halt)
-        try:
-            with self._held(decision.nominal, held, halt):
-                return self._solve(decision.nominal, False)[2].copy()
-        except _UnsolvedError:
-            return super()._amended(decision, held, halt)
+            return super().amend(tick, decision, held, halt)
+        work, narrow = self.records.work, tick.holding(held, halt)
+        box = work.lower.copy(), work.upper.copy()
+        work.lower[:], work.upper[:], work.clipped[:] = narrow.lower, narrow.upper, narrow.clipped
+        fault, _ = self._solve(narrow, False)
+        work.lower[:], work.upper[:] = box
+        return super().amend(tick, decision, held, halt) if fault else work.wanted.copy()
 
-    def _solve(
-        self, nominal: Array, move: bool
-    ) -> tuple[bool, bool, Array, float, int, str, float, float, tuple[int, int]]:
-        """Project the nominal into rows and box; moves the agents to the end of the step first if asked to.
+    def _solve(self, tick: Tick, first: bool) -> tuple[int, str]:
+        """A jerk into the step's ``wanted``: 0 or the code of what failed, and the projector's note."""
+        view, work, note = self.records.view, self.records.work, ""
+        told = view.told if first else work.told
+        stage = loop.begin_rows(view.arms, first)
+        while stage == PROJECT:
+            count = int(told["rows"][0])
+            rows = HalfSpaces(work.L[:count], work.S[:count])
+            jerk, feasible, left, note = self._projector.project(tick.nominal, rows, tick.lower, tick.upper)
+            work.wanted[:] = jerk
+            stage = loop.after_projection(view.arms, bool(feasible), float(left), first)
+        return stage, note
 
-        Returns:
-            Whether the rows are kept, whether some are recovering, the jerk, what is left of the rows [m²], their
-            number, the projector's note; index, distance and pair at the end of the step.
-        """
-        state, agents, humans, horizon = self._state, self._seen, self._humans, self._horizon
-        jerk, feasible, left, rows, note, recovering = self._clipped, True, 0.0, 0, "", False
-        worst, _, row, column, distance = horizon.ahead(state, agents, jerk, humans, move, 0)
-        if not worst < np.inf:
-            raise _UnsolvedError("the safety index is not finite")
-        if worst > 0.0:
-            only = -1
-            if self.rows == "closest":
-                only = row * horizon.columns + column
-            if self.recovery > 0.0:
-                horizon.look_back(state, agents)
-            left = np.nan
-            for attempt in range(_LINEARISATIONS + 1):
-                count, left, below = horizon.rows_at(
-                    agents, jerk, only, self.lower, self.upper, self._bounds[4], self._authority, self.recovery
-                )
-                if left <= (_TOLERANCE if attempt else 0.0) or attempt == _LINEARISATIONS:
-                    break
-                rows, recovering = count, below
-                projection = self._projector.project(nominal, horizon.rows(count), self.lower, self.upper)
-                jerk, feasible, note = projection.jerk, projection.feasible, projection.note
-                if math.isnan(projection.violation):
-                    raise _UnsolvedError("the projection found no solution")
-                worst, left, row, column, distance = horizon.ahead(state, agents, jerk, humans, False, rows)
-                if left <= _TOLERANCE or not feasible:
-                    break
-            if not (left < np.inf and worst < np.inf):
-                raise _UnsolvedError("the safety index is not finite")
-        kept = feasible and left <= _TOLERANCE
-        return kept, recovering, jerk, left, rows, note, worst, distance, (row, column)
-
-    def _printed(self, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
-        """Rows of Eq. (13) from the present, projected once; the index is their own S - L u."""
-        horizon = self._horizon
-        row, column, distance = horizon.measure(state, agents)
-        jerk, feasible, left, rows, note, phi = self._clipped, True, 0.0, 0, "", -np.inf
-        if row >= 0:
-            only = row * len(agents) + column if self.rows == "closest" else -1
-            authority = 0.0 if self.rows == "closest" else self._authority
-            made = horizon.rows(horizon.printed(agents, only, self.lower, self.upper, authority))
-            count = len(made.S)
-            left = violation(made.L, made.S, count, jerk)
-            if not (left <= 0.0):
-                rows = count
-                jerk, feasible, left, note = self._projector.project(nominal, made, self.lower, self.upper)
-            phi = max((made.S[i] - made.L[i] @ jerk for i in range(count)), default=-np.inf)
-            if not (left < np.inf and phi < np.inf):
-                return self._failed(nominal, "the printed row is not finite")
-        return self._decision(nominal, jerk, inside, feasible, left, rows, note, phi, distance, (row, column))
-
-    def _decision(
-        self,
-        nominal: Array,
-        jerk: Array,
-        inside: bool,
-        kept: bool,
-        left: float,
-        rows: int,
-        note: str,
-        phi: float,
-        distance: float,
-        pair: tuple[int, int],
-    ) -> Decision:
-        if rows == 0 and kept:
-            jerk = jerk.copy()
-            status, reason = Status.NOMINAL, ""
-            if not inside:
-                status, reason = Status.PROJECTED, of_clipping(nominal, self._clipped, self._bounds[4])
-        elif kept:
-            status, reason = Status.PROJECTED, "safety rows"
-        else:
-            status, reason = Status.RELAXED, "no jerk keeps all rows"
-        if note:
-            reason = f"{reason}; {note}"
-        return Decision(jerk, nominal, status, reason, phi, distance, pair, max(left, 0.0), rows)
+    def foresee(self, decision: Decision, jerk: Array) -> tuple[float, float, tuple[int, int]]:
+        """What the compiled step has foreseen already."""
+        told = Told(*self.records.view.told.item())
+        return told.phi, told.distance, (told.row, told.column)

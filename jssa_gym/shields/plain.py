@@ -1,23 +1,23 @@
 """Filters that add nothing to the layers around every filter."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.shields.filter import SafetyFilter
-from jssa_gym.shields.reasons import of_clipping
-from jssa_gym.types import Array, Decision, Scene, Status
+from jssa_gym.shields.filter import SafetyFilter, Tick
+from jssa_gym.tick import layout
+from jssa_gym.types import Decision, Status
 
 
 class NoFilter(SafetyFilter):
     """Applies the nominal inside the jerk bounds: the baseline that protects nobody, but still fails closed."""
 
-    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
-        status, reason = Status.NOMINAL, ""
-        if not inside:
-            status, reason = Status.PROJECTED, of_clipping(nominal, self._clipped, self._bounds[4])
-        return Decision(self._clipped.copy(), nominal, status, reason, np.nan, np.nan, (-1, -1), 0.0, 0)
+    proposal = layout.NONE
+
+    def respond(self, tick: Tick) -> Decision:
+        """The nominal, clipped to the box."""
+        status, reason = (Status.NOMINAL, "") if tick.inside else (Status.PROJECTED, tick.why_clipped)
+        return Decision(tick.clipped, tick.nominal, status, reason, np.nan, np.nan, (-1, -1), 0.0, 0)
 
 
 class StopFilter(NoFilter):

@@ -14,7 +14,7 @@ FAULTS = (
     "human measurement is not finite",
     "a human capsule was not measured",
 )
-"""Of the input, by the number of :func:`~jssa_gym.kernels.tick.take_in`."""
+"""Of the input, by its code less 400."""
 
 UNFIT = (
     "",
@@ -22,16 +22,36 @@ UNFIT = (
     "the filter's answer is outside the jerk bounds",
     "the filter's answer is not the nominal, as it claims",
 )
-"""Of the answer, by the number of :func:`~jssa_gym.kernels.tick.unfit`."""
+"""Of the answer, by the number of :func:`~jssa_gym.tick.admit.unfit`."""
 
-NO_SCENE = "the joint state cannot be read: there is no scene"
-"""Of a tick in which a perception system delivered nothing at all."""
+FIXTURES = (
+    "",
+    "a static capsule or half-space is not finite, a radius not positive, or a normal no unit vector",
+    "the half-spaces are not those of the beginning",
+    "the static capsules are not those of the beginning",
+)
+"""What is wrong with what stands still, by the number of :func:`~jssa_gym.kernels.verification.load_fixtures`: it does
+not come, go or move."""
 
 OUTSIDE = "outside the jerk bounds"
 """Of a decision that only clipped the nominal to the jerk bounds."""
 
 UNRECOVERABLE = "would leave no way to keep the joint limits"
 """Of a decision that only clipped the nominal, to a viability box narrower than the jerk bounds."""
+
+
+SAMPLES = (
+    "too old",
+    "not measured",
+    "older than one before",
+    "frozen: the same again though it claims to move",
+    "jumped farther than it can have moved",
+    "of another person than before",
+    "from the future",
+    "not finite",
+    "without a radius",
+)
+"""What became of a human capsule's sample, by the number of :mod:`jssa_gym.kernels.trust`."""
 
 
 def of_clipping(nominal: Array, clipped: Array, bound: Array) -> str:

@@ -1,0 +1,80 @@
+"""Robot capsules against human capsules at the present: distances, and what the jerks do to them."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jssa_gym.kernels.derivatives import derivatives
+from jssa_gym.kernels.records import FRAME, PAIR, SEGMENT, records
+from jssa_gym.robots import RobotModel
+from jssa_gym.types import Array
+
+Rows = Literal["closest", "all"]
+"""Which pairs a filter answers."""
+ROWS = ("closest", "all")
+
+_AUTHORITY = 5.0
+"""Pairs that the jerk bounds move by less than this normal jerk [m/s³] make no rows, as in JSSAFilter."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """All pairs, robot capsule by robot capsule: p = m k."""
+
+    motion: Array
+    r""":math:`D, \dot D, \ddot D` and :math:`\dddot D` at zero joint jerk, shape (p, 4) [m, m/s, m/s², m/s³]."""
+    rows: Array
+    r""":math:`n^\top J`: what a joint jerk adds to :math:`\dddot D`, shape (p, n) [m/rad]."""
+    normals: Array
+    """Unit, from the person to the robot, shape (p, 3)."""
+    pair: tuple[int, int]
+    """Robot and human capsule that are closest; (-1, -1) without people."""
+    closest: int
+    """Its number; -1 without people."""
+    distance: float
+    """Its distance [m]; inf without people."""
+
+    def index(self, d_min: float, lambda1: float, lambda2: float) -> Array:
+        r""":math:`\phi` of Eq. (6) of every pair, shape (p,) [m²]."""
+        D, rate, curvature, _ = self.motion.T
+        return d_min * d_min - D * np.abs(D) - lambda1 * rate - lambda2 * curvature
+
+    def watched(self, rows: Rows, limit: Array) -> NDArray[np.intp]:
+        """Numbers of the pairs that make rows: the closest, or all that the jerk bounds (n,) move noticeably."""
+        if rows == "closest":
+            return np.array([self.closest])
+        return np.flatnonzero(~(np.abs(self.rows) @ limit < _AUTHORITY))
+
+    def rate_of_index(self, numbers: NDArray[np.intp], lambda1: float, lambda2: float) -> Array:
+        """Rate of the index of some pairs at zero joint jerk [m²/s]."""
+        D, rate, curvature, drift = self.motion[numbers].T
+        return -2.0 * np.abs(D) * rate - lambda1 * curvature - lambda2 * drift
+
+
+def measure_pairs(robot: RobotModel, state: Array, people: NDArray) -> Pairs:
+    """Measure all pairs.
+
+    Args:
+        robot: The arm, where it stands.
+        state: Joint state, shape (3, n).
+        people: Shape (k,) of ``AGENT``.
+    """
+    m, n = len(robot.capsules), robot.n
+    p = m * len(people)
+    motion, rows, normals = np.zeros((p, 4)), np.zeros((p, n)), np.zeros((p, 3))
+    row, column, distance = derivatives(
+        robot.links,
+        robot.capsules,
+        state,
+        people,
+        records(n, FRAME),
+        records(m, SEGMENT),
+        records((m, len(people)), PAIR),
+        motion,
+        rows,
+        normals,
+    )
+    number = row * len(people) + column if row >= 0 else -1
+    return Pairs(motion, rows, normals, (row, column), number, distance)

@@ -1,0 +1,276 @@
+"""What a perception system delivers, whatever it is, taken down where the control step reads it.
+
+Kernels look neither at shapes nor at types: everything is compared before they see it, and nothing that is delivered
+makes a :class:`Reading` raise.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from jssa_gym.kernels.records import AGENT, PLANE, records
+from jssa_gym.kernels.verification import CHANGED_PLANES, CHANGED_STATICS, load_fixtures
+from jssa_gym.safety.proximity import check_capsules, plain, plain_capsules
+from jssa_gym.shields.reasons import FIXTURES
+from jssa_gym.shields.records import Records, View
+from jssa_gym.types import Array, CapsuleSet, Planes, Scene
+
+_FLOAT64, _INT64, _BOOL = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
+
+
+def part_of(scene: Any, name: str) -> tuple[Any, str]:
+    """A part of a scene, or None and why it cannot be had: whatever a perception system throws, the arm goes on."""
+    try:
+        return getattr(scene, name), ""
+    except Exception as error:
+        return None, str(error)
+
+
+class Reading:
+    """Takes down scenes in an arm's records, and says in words what of the last one could not be read.
+
+    Args:
+        records: Where to; they are made to fit who is there.
+        trusting: Whether what is shown is the present, whoever it is; else joint states have to be what a monitor can
+            compare, and people those of the beginning.
+        exact: Whether joint states have to be of double precision then.
+        fixed: Whether what stands still is of interest.
+        assumed: Called with the names of human capsules: how fast they move, how fast they can reach an arm, and how
+            fast an arm may touch them, all of shape (k,) [m/s].
+    """
+
+    def __init__(
+        self,
+        records: Records,
+        trusting: bool,
+        exact: bool,
+        fixed: bool,
+        assumed: Callable[[tuple[str, ...]], tuple[Array, Array, Array]],
+    ) -> None:
+        self._records, self._assumed = records, assumed
+        self._trusting, self._exact, self._fixed = trusting, exact, fixed
+        self.forget()
+
+    def forget(self) -> None:
+        """Whoever and whatever is shown next is who and what there is."""
+        self.names: tuple[str, ...] | None = None
+        """Of the human capsules; None while nobody knows."""
+        self.planes: tuple[str, ...] = ()
+        """Names of the half-spaces."""
+        self.statics: tuple[str, ...] = ()
+        """Names of the static capsules."""
+        self._shown: tuple[Any, Any] = (None, None)
+        self.wrong = {"joints": "", "clock": "", "people": "", "fixtures": ""}
+        """What of the last scene could not be read, and why."""
+        self._spoiled = True
+
+    @property
+    def met(self) -> bool:
+        """Whether it is settled who there is."""
+        return bool(self._records.memory.arm[0]["met"])
+
+    def read(self, scene: Scene | None) -> None:
+        """Take down a scene; never raises."""
+        view = self._records.view
+        if self._spoiled:
+            self._spoiled, self.wrong = False, dict.fromkeys(self.wrong, "")
+            view.now[0] = (0.0, True, True, True, True, True)
+        if scene is None:
+            for name in ("joints", "people", "fixtures"):
+                self._spoil(view, name, "there is no scene")
+            self._spoil(view, "timed", "")
+            view.now["seen"] = False
+            return
+        time, _ = part_of(scene, "time")
+        robot, lost = part_of(scene, "robot")
+        try:
+            view.now["time"] = time = float(time)
+        except Exception as error:  # whatever a clock delivers, the arm must go on safely
+            self.wrong["clock"] = str(error)
+            self._spoil(view, "timed", "")
+        if lost := lost or self.read_joints(robot):
+            self._spoil(view, "joints", lost)
+        self._look_for_people(scene)
+        if self._fixed:
+            try:
+                self._read_fixtures(scene.static, scene.planes)
+            except Exception as error:  # whatever static agents a scene has, the arm must go on safely
+                self._spoil(self._records.view, "fixtures", str(error))
+
+    def _spoil(self, view: View, part: str, why: str) -> None:
+        """Say that a part could not be read."""
+        view.now[part] = False
+        self.wrong[part] = why
+        self._spoiled = True
+
+    # ---- joints --------------------------------------------------------------------------------------
+
+    def read_joints(self, robot: Any) -> str:
+        """Take down a joint state; why that is impossible, or nothing."""
+        view = self._records.view
+        joints, shape = view.joints, view.joints[0].shape
+        try:
+            for row, values in enumerate((robot.position, robot.velocity, robot.acceleration)):
+                if type(values) is not np.ndarray or values.dtype is not _FLOAT64:
+                    self._check_joints(values)
+                if values.shape != shape:
+                    raise ValueError(f"it has shape {values.shape}, expected {shape}")
+                joints[row] = values
+        except Exception as error:  # whatever a driver delivers, the arm must go on safely
+            return str(error) or type(error).__name__
+        return ""
+
+    def _check_joints(self, values: Any) -> None:
+        """Raises if an array is not what is taken for one."""
+        if self._trusting:
+            plain(values)
+            return
+        kind, size = values.dtype.kind, values.dtype.itemsize
+        if isinstance(values, np.ma.MaskedArray):
+            raise ValueError("it is masked")
+        if kind not in "fiu":
+            raise ValueError(f"it is {values.dtype}, expected real numbers")
+        if self._exact and kind == "f" and size < 8:
+            raise ValueError(f"it is {values.dtype}, which without a state_tolerance has to be float64")
+
+    # ---- people --------------------------------------------------------------------------------------
+
+    def _look_for_people(self, scene: Scene) -> None:
+        try:
+            human, age, valid = scene.human, scene.age, scene.valid
+            if not self._trusting and (self.names is None or not self.met):
+                self._meet(tuple(human.names))
+        except Exception as error:  # whatever a perception system delivers, the arm must go on safely
+            view = self._records.view
+            view.now["seen"] = False
+            self._spoil(view, "people", str(error))
+            return
+        try:
+            if self._trusting:
+                self._read_anybody(human, valid)
+            else:
+                self._read_people(human, age, valid)
+        except Exception as error:
+            why = str(error) if self._trusting else _unlike(human, age, valid) or str(error)
+            self._spoil(self._records.view, "people", why)
+
+    def _meet(self, names: tuple[str, ...]) -> None:
+        """Make room for people who are seen for the first time."""
+        if names == self.names:
+            return
+        speed, growth, touch = self._assumed(names)
+        self._records.make_room(people=len(names))
+        memory = self._records.memory
+        memory.tracks["speed"][0], memory.growth[0], memory.touch[0] = speed, growth, touch
+        self.names = names
+
+    def _read_people(self, human: CapsuleSet, age: Any, valid: Any) -> None:
+        """Take down people whom a monitor will judge.
+
+        Raises:
+            ValueError, TypeError, AttributeError: They do not fit together, or are not those of the beginning.
+        """
+        view, (start, end, start_velocity, end_velocity, radius, names, person) = self._records.view, human
+        shape, ends = radius.shape, (*radius.shape, 3)
+        if not (
+            len(shape) == 1
+            and start.shape == end.shape == start_velocity.shape == end_velocity.shape == ends
+            and person.shape == age.shape == valid.shape == shape
+            and len(names) == shape[0]
+        ):
+            raise ValueError("the arrays' shapes do not fit together")
+        if view.radius.shape != shape:
+            raise ValueError(f"{shape[0]} capsules instead of {len(view.radius)}")
+        if names is not self.names and tuple(names) != self.names:
+            raise ValueError("the capsules have other names than before")
+        if not (
+            type(start) is type(end) is type(start_velocity) is type(end_velocity) is type(radius) is np.ndarray
+            and type(person) is type(age) is type(valid) is np.ndarray
+        ) and (wrong := _unlike(human, age, valid)):
+            raise ValueError(wrong)
+        # into arrays of one's own: of the type that the kernel is compiled for, whatever comes
+        if (
+            start.dtype is end.dtype is start_velocity.dtype is end_velocity.dtype is _FLOAT64
+            and radius.dtype is age.dtype is _FLOAT64
+            and valid.dtype is _BOOL
+            and person.dtype is _INT64
+        ):
+            view.start[:], view.end[:] = start, end
+            view.start_velocity[:], view.end_velocity[:] = start_velocity, end_velocity
+            view.radius[:], view.age[:], view.valid[:], view.person[:] = radius, age, valid, person
+        else:  # slower, but raises for what is no number
+            mine = view.start, view.end, view.start_velocity, view.end_velocity, view.radius, view.age
+            for array, other in zip(
+                (*mine, view.valid, view.person), (*human[:5], age, valid, person), strict=True
+            ):  # fmt: skip
+                np.copyto(array, other)
+
+    def _read_anybody(self, human: CapsuleSet, valid: Any) -> None:
+        """Take down people who are taken for granted, as many as there are.
+
+        Raises:
+            ValueError, TypeError: They do not fit together.
+        """
+        human, valid = plain_capsules(human), plain(valid)
+        check_capsules(human)
+        if valid.shape != human.radius.shape or valid.dtype != np.bool_:
+            raise ValueError(f"valid has shape {valid.shape} for {len(human.radius)} capsules")
+        self._records.make_room(people=len(human.radius))
+        view = self._records.view
+        view.start[:], view.end[:] = human.start, human.end
+        view.start_velocity[:], view.end_velocity[:] = human.start_velocity, human.end_velocity
+        view.radius[:], view.valid[:] = human.radius, valid
+
+    # ---- what stands still ---------------------------------------------------------------------------
+
+    def _read_fixtures(self, static: CapsuleSet, planes: Planes) -> None:
+        """Take down static capsules and half-spaces.
+
+        Raises:
+            ValueError, TypeError: They are no such thing, or have other names or numbers than at first.
+        """
+        shown = self._shown
+        if static is shown[0] and planes is shown[1]:
+            capsules, normal, offset = static, planes.normal, planes.offset
+        else:
+            capsules, normal, offset = self._recognise(static, planes)
+        view = self._records.view
+        view.normal[:], view.offset[:] = normal, offset
+        if len(capsules.radius):
+            scene = self._records.scene
+            scene.static_ends[0], scene.static_radius[0] = capsules[:4], capsules.radius
+
+    def _recognise(self, static: CapsuleSet, planes: Planes) -> tuple[CapsuleSet, Array, Array]:
+        """Take other objects for the fixtures."""
+        capsules, normal, offset = plain_capsules(static), plain(planes.normal), plain(planes.offset)
+        names = tuple(planes.names), tuple(static.names)
+        check_capsules(capsules)
+        if normal.shape != (len(offset), 3):
+            raise ValueError(f"{len(offset)} half-spaces with normals of shape {normal.shape}")
+        if (len(offset), len(capsules.radius)) != (len(names[0]), len(names[1])):
+            raise ValueError(f"half-spaces and static capsules have the names {names}")
+        normal, offset = np.asarray(normal, np.float64), np.asarray(offset, np.float64)
+        if self._records.memory.arm[0]["fixed"] and names != (self.planes, self.statics):
+            counts = records(len(capsules.radius), AGENT), records(len(offset), PLANE)
+            unsound = load_fixtures(capsules.start, capsules.end, capsules.radius, normal, offset, *counts, True)
+            changed = CHANGED_STATICS if names[0] == self.planes else CHANGED_PLANES
+            raise ValueError(FIXTURES[unsound or changed])
+        self.planes, self.statics = names
+        self._records.make_room(statics=len(capsules.radius), planes=len(offset))
+        # copies in another type are made anew each time: what they were made of may have changed
+        same = capsules is static and planes.normal.dtype == planes.offset.dtype == np.float64
+        self._shown = (static, planes) if same else (None, None)
+        return capsules, normal, offset
+
+
+def _unlike(human: Any, age: Any, valid: Any) -> str:
+    """Which of the people's arrays is none, or masked; empty if all are arrays."""
+    fields = ("start", "end", "start_velocity", "end_velocity", "radius", "person")
+    parts = {**{name: getattr(human, name, None) for name in fields}, "age": age, "valid": valid}
+    for name, part in parts.items():
+        if isinstance(part, np.ma.MaskedArray):
+            return f"{name} is masked"
+        if not isinstance(part, np.ndarray):
+            return f"{name} is of type {type(part).__name__}, no array"
+    return ""

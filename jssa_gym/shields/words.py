@@ -1,0 +1,131 @@
+"""What a control step answered, in words: the only place where codes become text."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jssa_gym.kernels.trust import LOST, NEVER
+from jssa_gym.kernels.verification import HALF_SPACE, REACH, STATIC
+from jssa_gym.robots import RobotModel
+from jssa_gym.shields.reading import Reading
+from jssa_gym.shields.reasons import FAULTS, FIXTURES, REASONS, SAMPLES, UNFIT
+from jssa_gym.shields.records import Records
+from jssa_gym.tick import codes
+from jssa_gym.tick.people import NO_TIME
+from jssa_gym.types import Array
+
+
+class Told(NamedTuple):
+    """An answer, but for the jerk, as Python's numbers; fields of :data:`~jssa_gym.tick.layout.ANSWER`."""
+
+    status: int
+    code: int
+    detail: int
+    capsule: int
+    other: int
+    moment: float
+    ticks: int
+    unverified: bool
+    persistent: bool
+    fresh: bool
+    sample: int
+    inside: bool
+    phi: float
+    distance: float
+    row: int
+    column: int
+    slack: float
+    rows: int
+    attempt: int
+    recovering: bool
+    kept: bool
+    chosen: int
+
+
+def in_words(told: Told, nominal: Array, robot: RobotModel, records: Records, reading: Reading) -> str:
+    """Why the jerk is not the nominal; empty if it is."""
+    if told.status == codes.NOMINAL:
+        return ""
+    if told.status != codes.FAULT:
+        return _obstacle(told, robot, records, reading) if told.status == codes.FAILSAFE else REASONS[told.code]
+    if codes.LIMITS <= told.code <= codes.MEETS:
+        return f"no verified stop: {_obstacle(told, robot, records, reading)}"
+    reason = _fault(told, records, reading)
+    if records.settings.guarded and told.code != codes.NOT_FINITE_NOMINAL and not np.isfinite(nominal).all():
+        reason = f"{FAULTS[1]}; {reason}"
+    return f"{reason}; no verified stop" if told.unverified else reason
+
+
+def _obstacle(told: Told, robot: RobotModel, records: Records, reading: Reading) -> str:
+    """What stands in the way of a stop."""
+    if told.code == codes.LIMITS:
+        return f"no stop inside the joint limits{_outside(robot, records)}"
+    if told.code == codes.UNDECIDED:
+        return "its stop takes too many checks"
+    part, when = robot.capsule_names[told.capsule], f"{told.moment:.3f} s"
+    if told.detail == REACH:
+        names = reading.names or ()
+        return f"{names[told.other]} can reach {part} before it rests, in {when}"
+    names = {HALF_SPACE: reading.planes, STATIC: reading.statics}.get(told.detail, robot.capsule_names)
+    return f"{part} would meet {names[told.other]} in {when}"
+
+
+def _outside(robot: RobotModel, records: Records) -> str:
+    """Which joint is where it should not be, or nothing."""
+    position, (low, high) = records.memory.state[0, 0], records.settings.stop_limits[:2]
+    for j in np.flatnonzero((position < low) | (position > high))[:1]:
+        name = robot.joint_names[j]
+        return f": {name} is at {position[j]:.4g} rad, outside [{low[j]:.4g}, {high[j]:.4g}] rad"
+    return ""
+
+
+def _fault(told: Told, records: Records, reading: Reading) -> str:
+    """What failed."""
+    code, wrong = told.code, reading.wrong
+    arm, now = records.memory.arm[0], float(records.scene.now[0]["time"])
+    if code < 0:
+        why = _fault(told._replace(code=-code), records, reading)
+        return f"{why}; right again, but not for long enough to be believed"
+    if code == codes.SCENE:
+        return f"the scene does not fit: {FIXTURES[told.detail] or wrong['people'] or wrong['fixtures']}"
+    if code == codes.JOINTS:
+        return f"the joint state cannot be read: {wrong['joints']}"
+    if code == codes.PEOPLE:
+        time = f"the time went back from {arm['people_time']:g} s to {told.moment:g} s"
+        if told.detail == NO_TIME:
+            time = f"the time is {told.moment}"
+        return f"the people cannot be read: {time if told.detail else wrong['people'] or wrong['clock']}"
+    if code == codes.LAGS:
+        return f"the joint state lags by {told.ticks} tick{'s' if told.ticks > 1 else ''}"
+    if code == codes.CLOCK_UNREADABLE:
+        return f"the clock cannot be read: {wrong['clock']}"
+    if code == codes.CLOCK_NOT_FINITE:
+        return f"the time is {now}"
+    if code == codes.CLOCK_BACK:
+        return f"the clock went back from {arm['time']:g} s to {now:g} s"
+    if code == codes.CLOCK_STILL:
+        return f"the clock stands still at {now:g} s: the joint state is not of this tick"
+    if code == codes.FIXTURES:
+        return f"the filter failed: ValueError: {wrong['fixtures'] or FIXTURES[1]}"
+    if code == codes.ANSWER:
+        return UNFIT[told.detail]
+    if codes.TRUST < code < codes.TRUST + 10:
+        return _distrust(told, records, reading)
+    return _LONGER.get(code) or REASONS[code]
+
+
+_LONGER = {
+    codes.OTHER_TICK: "the people are of another tick",
+    codes.FROZEN: "the joint state is frozen: the same again though the arm has moved",
+    codes.MOVING: "the arm moves in the first reading; with a state_tolerance it has to begin at rest",
+}
+"""Where a reason says more than its beginning in :data:`~jssa_gym.shields.reasons.REASONS`."""
+
+
+def _distrust(told: Told, records: Records, reading: Reading) -> str:
+    """Which body part's sample cannot be trusted, and why."""
+    names, person = reading.names or (), records.memory.tracks[0, told.other]["person"]
+    reason = f"{names[told.other]} of person {person}: {SAMPLES[told.code - codes.TRUST - 1]}"
+    if told.detail == LOST:
+        return f"{reason}, nothing to trust for {told.moment:.3g} s"
+    return f"{reason}, nothing to trust yet" if told.detail == NEVER else reason

@@ -1,0 +1,42 @@
+"""Why a decision was made, as a number: hundreds are the status. ``jssa_gym.shields.reasons`` has the words."""
+
+NOMINAL, PROJECTED, RELAXED, FAILSAFE, FAULT = range(5)
+"""Values of :class:`~jssa_gym.types.Status`."""
+
+CLIPPED, UNRECOVERABLE, ROWS = 101, 102, 103
+"""Outside the jerk bounds, outside the viability box, outside the safety rows."""
+
+INFEASIBLE, RECOVERING, CORNERED = 201, 202, 203
+"""No jerk keeps all rows; the index falls as fast as asked for; no jerk keeps the joint limits."""
+
+LIMITS, UNDECIDED, REACH, MEETS = 301, 302, 303, 304
+"""No stop within the joint limits; one that takes too many checks; somebody can reach the arm; it would meet something
+(``other`` from 0 counts half-spaces, then static capsules, then the robot's own capsules)."""
+
+NOT_FINITE_NOMINAL, NOT_FINITE_JOINTS, NOT_FINITE_PEOPLE, UNMEASURED = 401, 402, 403, 404
+"""What is not finite, or was not measured."""
+
+SCENE, JOINTS, PEOPLE = 405, 406, 407
+"""What could not be read, or does not fit."""
+
+ASTRAY, LEAPT = 408, 409
+"""The joint state is not where the last jerk led; the clock leapt ahead of the arm."""
+
+TRUST = 410
+"""A person's capsule is not to be trusted; the code is this and what became of its sample
+(:mod:`jssa_gym.kernels.trust`), from 1."""
+
+FOREIGN, FIXTURES, FAILED = 420, 421, 428
+"""A filter that is not compiled says so itself; what stands still makes no rows; the control step failed."""
+
+ANSWER, UNSOLVED, INDEX, PRINTED_ROW, UNVERIFIED = 422, 423, 424, 426, 427
+"""The filter's answer is unfit; there is no projection; index or printed row are not finite; no verified stop."""
+
+FROZEN, LAGS, MOVING = 431, 432, 434
+"""Of the joint state."""
+
+CLOCK_UNREADABLE, CLOCK_NOT_FINITE, CLOCK_BACK, CLOCK_STILL = 435, 436, 437, 438
+"""Of the clock."""
+
+OTHER_TICK = 400
+"""The people are of another tick."""

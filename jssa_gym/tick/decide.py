@@ -1,0 +1,245 @@
+"""The control step of a shield, read from top to bottom.
+
+:func:`decide` is the whole of it. A filter that is not compiled is asked between its parts: after :func:`prepare`, and
+once more if :func:`settle` says so.
+"""
+
+import numpy as np
+
+from jssa_gym.kernels.contact import unsound
+from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.motion import brake, integrate, make_representable
+from jssa_gym.kernels.tick import load_agents
+from jssa_gym.kernels.verification import LIMITS, REACH, UNDECIDED
+from jssa_gym.kernels.viability import jerk_box
+from jssa_gym.tick import codes
+from jssa_gym.tick.admit import confirm, confirm_held, store, take_fixtures, unfit
+from jssa_gym.tick.joints import begin, follow, forget, go_on, measured, persistent, replan
+from jssa_gym.tick.people import forget_people, present, watch
+from jssa_gym.tick.propose import clip_to_box, foresee, propose, propose_held
+
+ANSWERED, ASK, CORNERED = range(3)
+"""After :func:`prepare`: it is decided; a jerk has to be proposed; the box leaves no choice."""
+
+
+@part
+def decide(robot, settings, memory, scene, nominal, work, answer, e):
+    """The jerk to apply in this step of one arm, and why.
+
+    Take in and check, believe (or not) the people, the viability box, the filter's rows and projection, the verified
+    stop.
+
+    Args:
+        robot: The arm.
+        settings: How it is looked after.
+        memory: What its shield remembers; changed.
+        scene: The present as it is shown.
+        nominal: The policy's jerk, shape (n,) [rad/s³].
+        work: Scratch.
+        answer: Result.
+    """
+    stage = prepare(robot, settings, memory, scene, nominal, work, answer, e)
+    if stage == ANSWERED:
+        return
+    if stage == ASK:
+        propose(robot, settings, memory, scene, nominal, work, answer, e)
+    held = settle(robot, settings, memory, scene, nominal, work, answer, e)
+    if held > 0:
+        propose_held(robot, settings, memory, nominal, held, work, answer, e)
+        settle_held(robot, settings, memory, work, answer, e)
+
+
+@part
+def prepare(robot, settings, memory, scene, nominal, work, answer, e):
+    """Look at the present, decide what is to be believed of it, and make the box.
+
+    Returns:
+        ``ANSWERED``, something failed and the arm stops; ``ASK`` or ``CORNERED``, and then ``work`` has the people
+        for rows, the box, and the nominal in it.
+    """
+    _begin(answer.told[e])
+    if settings.guarded:
+        fault = _believe(settings, memory, scene, nominal, work, answer, e)
+    else:
+        fault = _take_in(settings, memory, scene, nominal, work, e)
+    if fault:
+        stop(robot, settings, memory, work, answer, fault, e)
+        return ANSWERED
+    room = True
+    if settings.viability:
+        room = jerk_box(memory.state[e], robot.limits, settings.dt, work.lower, work.upper)
+    else:
+        _jerk_bounds(robot, work)
+    answer.told[e]["inside"] = clip_to_box(nominal, work)
+    if room:
+        return ASK
+    work.wanted[:] = work.clipped
+    told = answer.told[e]
+    told["status"], told["code"], told["slack"] = codes.RELAXED, codes.CORNERED, 0.0
+    return CORNERED
+
+
+@part
+def _begin(told):
+    told["status"], told["code"], told["detail"], told["ticks"] = codes.FAULT, 0, 0, 0
+    told["capsule"], told["other"], told["moment"], told["chosen"] = -1, -1, 0.0, -1
+    told["unverified"], told["persistent"], told["inside"], told["fresh"] = False, False, False, False
+    told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
+    told["row"], told["column"], told["rows"] = -1, -1, 0
+
+
+@part
+def _jerk_bounds(robot, work):
+    for j in range(work.upper.shape[0]):
+        work.lower[j], work.upper[j] = -robot.limits[4, j], robot.limits[4, j]
+
+
+@part
+def _believe(settings, memory, scene, nominal, work, answer, e):
+    """The arm is where the applied jerks led, if its readings agree; people are where they were last trusted.
+
+    Returns a fault's code, or 0 and then ``memory.state`` and ``work.agents`` are the present.
+    """
+    told = answer.told[e]
+    fault, told["ticks"] = follow(settings, memory, scene, work, e)
+    told["persistent"] = fault not in (0, codes.LEAPT) and persistent(memory, e)
+    # people are looked at whatever the joints do: their clock goes on
+    missing = watch(settings, memory, scene, work, answer, e)
+    if fault == 0:
+        fault = missing
+    if fault == 0:
+        memory.state[e][:] = memory.expected[e]
+        present(memory, work, answer, e)
+        fault = _unsound(memory.state[e], nominal, work.agents[: memory.tracks.shape[1]])
+    return fault
+
+
+@part
+def _take_in(settings, memory, scene, nominal, work, e):
+    """What is shown is the present. Returns a fault's code, or 0; ``memory.state`` and ``work.agents`` are it."""
+    agents, fault = work.agents[: memory.tracks.shape[1]], codes.JOINTS
+    if scene.now[e]["joints"]:
+        fault = _unsound(scene.joints[e], nominal, agents[:0])
+        if fault == 0 and not scene.now[e]["people"]:
+            fault = codes.SCENE
+        elif fault == 0:
+            load_agents(scene.ends[e][0], scene.ends[e][1], scene.ends[e][2], scene.ends[e][3], scene.radius[e], agents)
+            fault = _unsound(scene.joints[e], nominal, agents)
+            for k in range(scene.valid.shape[1]):
+                if fault == 0 and not scene.valid[e, k]:
+                    fault = codes.UNMEASURED
+    if fault in (codes.JOINTS, codes.NOT_FINITE_JOINTS):
+        # where the last jerk must have led
+        integrate(memory.state[e], memory.applied[e], settings.dt, memory.state[e])
+    else:
+        memory.state[e][:] = scene.joints[e]
+    return fault
+
+
+@jit
+def _unsound(state, nominal, agents):
+    """Which input is not finite, as a code, or 0."""
+    wrong = unsound(state, nominal, agents)
+    return codes.NOT_FINITE_NOMINAL + wrong - 1 if wrong else 0
+
+
+@part
+def settle(robot, settings, memory, scene, nominal, work, answer, e):
+    """Apply the proposed jerk, ``work.wanted``, if it is sound and, where there is one, the verified stop admits it.
+
+    Returns:
+        0, it is decided; else the number of joints, counted from the base, that have to go on with the stored stop's
+        jerk, ``work.halt``: another jerk has to be proposed to :func:`settle_held`.
+    """
+    told = answer.told[e]
+    fault = told["code"] if told["status"] == codes.FAULT else 0
+    if fault == 0:
+        wrong = unfit(work.wanted, nominal, told["status"] == codes.NOMINAL, robot.limits[4], work)
+        if wrong:
+            fault, told["detail"] = codes.ANSWER, wrong
+    answer.jerk[e][:] = work.wanted
+    if fault == 0 and settings.guarded:
+        fault, told["detail"] = take_fixtures(memory, scene, e)
+    if fault:
+        stop(robot, settings, memory, work, answer, fault, e)
+        return 0
+    if settings.guarded:
+        held = confirm(robot, settings, memory, work, answer, e)
+        if held > 0:
+            return held
+        _conclude(robot, settings, memory, work, answer, e)
+    memory.applied[e][:] = answer.jerk[e]
+    return 0
+
+
+@part
+def settle_held(robot, settings, memory, work, answer, e):
+    """Apply the other jerk, ``work.wanted``, that was proposed, if the verified stop admits it."""
+    confirm_held(robot, settings, memory, work, answer, e)
+    _conclude(robot, settings, memory, work, answer, e)
+    memory.applied[e][:] = answer.jerk[e]
+
+
+@part
+def _conclude(robot, settings, memory, work, answer, e):
+    """Store the stop, and say what has decided."""
+    told = answer.told[e]
+    store(memory, work, answer, e)
+    if told["chosen"] == 0:
+        return
+    what = told["detail"]
+    told["status"], told["code"] = codes.FAILSAFE, codes.MEETS
+    if what == LIMITS:
+        told["code"] = codes.LIMITS
+    elif what == UNDECIDED:
+        told["code"] = codes.UNDECIDED
+    elif what == REACH:
+        told["code"] = codes.REACH
+    if not memory.arm[e]["verified"]:
+        told["status"], told["unverified"] = codes.FAULT, True
+    told["slack"] = np.nan
+    if not np.isnan(told["phi"]):
+        foresee(robot, settings, memory, answer.jerk[e], work, told, e)
+
+
+@jit
+def start(settings, memory, scene, work, e):
+    """Forget the past: a new episode begins with what is shown. People are whoever will be shown first."""
+    arm, state = memory.arm[e], memory.state[e]
+    memory.applied[e, :] = 0.0
+    for row in range(3):
+        for j in range(state.shape[1]):
+            x = scene.joints[e, row, j]
+            # the first decision says what is wrong with it
+            state[row, j] = x if scene.now[e]["joints"] and np.isfinite(x) else 0.0
+    arm["begun"], arm["time"], arm["ticks"], arm["clock"] = False, np.nan, 0, 0
+    forget(memory, e)
+    memory.expected[e, :, :] = 0.0
+    if scene.now[e]["joints"] and measured(settings, scene.joints[e]):
+        begin(settings, memory, scene.joints[e], e)
+    forget_people(memory, e)
+    arm["fixed"] = False
+    replan(settings, memory, work, e)
+
+
+@jit
+def stop(robot, settings, memory, work, answer, fault, e):
+    """Go on with the stored stop or, without one, brake: something failed, which the code ``fault`` names."""
+    told, jerk = answer.told[e], answer.jerk[e]
+    told["status"], told["code"], told["chosen"] = codes.FAULT, fault, -1
+    told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
+    told["row"], told["column"], told["rows"] = -1, -1, 0
+    if settings.guarded:
+        told["unverified"] = not memory.arm[e]["verified"]
+        memory.state[e][:] = memory.expected[e]
+        go_on(settings, memory, memory.arm[e]["step"], memory.expected[e], jerk, e)
+        memory.arm[e]["step"] += 1
+    else:
+        _jerk_bounds(robot, work)
+        brake(memory.state[e], work.lower, work.upper, settings.dt, jerk)
+        make_representable(jerk, robot.limits[4])
+    for j in range(jerk.shape[0]):
+        # a state beyond all bounds can overflow; then at least nothing is added
+        if not np.isfinite(jerk[j]):
+            jerk[j] = 0.0
+        memory.applied[e, j] = jerk[j]

@@ -1,0 +1,356 @@
+"""What a control step reads, remembers and answers: tuples of arrays, made once.
+
+Settings, memory and scratch are three things, and only :class:`Memory` survives a tick. The arrays of
+:class:`Memory`, :class:`SceneRecord` and :class:`Answer` have a leading axis, an entry for each arm; the functions of
+this package see one arm's entries (:func:`~jssa_gym.tick.loop.decide_all` takes them out), as the shapes below say.
+n joints, m robot capsules, k human capsules, c static capsules, p half-spaces.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jssa_gym.kernels.index import Index
+from jssa_gym.kernels.projection import scratch
+from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, STOP, TRACK, records
+
+Floats = NDArray[np.float64]
+
+REMEMBERED = 32
+"""Ticks by which a joint reading may lag and still be told so."""
+
+NONE, JSSA, PRINTED, FOREIGN = range(4)
+"""Who proposes a jerk: nobody, JSSA by exact rows or by those of the paper, or a filter that is not compiled."""
+
+
+class ArmRecord(NamedTuple):
+    """An arm, where it stands."""
+
+    links: NDArray
+    """Shape (n,) of ``LINK``."""
+    capsules: NDArray
+    """Shape (m,) of ``CAPSULE``."""
+    self_pairs: NDArray
+    """Robot capsules that could collide, shape (s, 2)."""
+    levers: Floats
+    """From :func:`jssa_gym.safety.failsafe.levers`, shape (m, n) [m]."""
+    limits: Floats
+    """Rows lower and upper position, velocity, acceleration and jerk limits, shape (5, n)."""
+
+
+class Settings(NamedTuple):
+    """Numbers that never change: how the arm is looked after."""
+
+    dt: float
+    """Control step [s]."""
+    guarded: bool
+    """Whether nothing is applied that a verified stop does not follow."""
+    viability: bool
+    """Whether the box keeps the joint limits recoverable; else it is the jerk bounds."""
+    proposal: int
+    """Who proposes: ``NONE``, ``JSSA``, ``PRINTED`` or ``FOREIGN``."""
+    index: Index
+    """Parameters of the safety index."""
+    closest: bool
+    """Whether only the closest pair makes a row."""
+    static_rows: bool
+    """Whether static capsules and half-spaces make rows too."""
+    authority: float
+    """Pairs that the jerk bounds move by less make no rows [m²]."""
+    recovery: float
+    """Share of its authority by which an index above 0 has to fall in a step."""
+    diagonal: bool
+    """Whether V of Eq. (14) is diagonal."""
+    weight: Floats
+    """The diagonal of V, shape (n,)."""
+    inverse: Floats
+    """V's inverse, shape (n, n)."""
+    stop_limits: Floats
+    """The limits that stops keep, shape (5, n): the arm's."""
+    tolerance: Floats
+    """How far a reading of the joints may be from where the applied jerks must have led, shape (3, n)."""
+    position_error: float
+    """Of a measured capsule end [m]."""
+    max_age: float
+    """Of a measurement that is relied on [s]."""
+    lag: float
+    """Time from a command to the arm's motion [s]."""
+    astray: float
+    """How far a point of the arm may be from where it is expected [m]."""
+
+
+MEMORY = np.dtype(
+    [
+        # the joints' readings
+        ("begun", np.bool_),  # whether it is known where the arm began
+        ("time", np.float64),  # the clock's last reading that counts, NaN for none
+        ("ticks", np.int64),  # since then
+        ("clock", np.int64),  # what is wrong with this tick's: a reason's code
+        ("offset", np.float64),  # ticks by which the clock is ahead of the control steps ...
+        ("settled", np.float64),  # ... when a reading was right for the last time
+        ("due", np.float64),  # ... that a lag asks it to reach
+        ("late", np.int64),  # ticks without a decision since a reading was right
+        ("newest", np.int64),  # place in the rings of what was one tick ago
+        ("owed", np.int64),  # readings that have to be right before they are believed again
+        ("wrong", np.int64),  # readings in a row that were wrong
+        ("believed", np.int64),  # ... that were believed
+        ("lapses", np.int64),  # times that readings were wrong after they had been believed
+        ("why", np.int64),  # what was wrong last: a reason's code ...
+        ("lag", np.int64),  # ... and the ticks by which it lagged
+        # the stored stop
+        ("step", np.int64),  # number of its ticks that are over
+        ("verified", np.bool_),  # whether it is verified, or the arm rests inside its limits
+        ("rests", np.bool_),  # whether it is over and has ended in rest
+        # the people's readings, and what stands still
+        ("met", np.bool_),  # whether it is known who there is
+        ("people_time", np.float64),  # of the last reading, -inf for none
+        ("seen", np.float64),  # the scene's clock when it was read last, NaN for never
+        ("ahead", np.float64),  # what people are ahead of it [s]
+        ("missed", np.int64),  # ticks since then
+        ("fixed", np.bool_),  # whether it is known what stands still
+    ],
+    align=True,
+)
+"""What is remembered of one arm, but for arrays."""
+
+
+class Memory(NamedTuple):
+    """All that one arm's shield remembers from tick to tick."""
+
+    arm: NDArray
+    """Shape (1,) of ``MEMORY``."""
+    state: Floats
+    """The joint state that was decided from last, shape (3, n)."""
+    applied: Floats
+    """The jerk that was applied last, shape (n,) [rad/s³]."""
+    expected: Floats
+    """Where the applied jerks have led, shape (3, n)."""
+    last: Floats
+    """The last reading of the joints, shape (3, n), NaN for none."""
+    anchor: Floats
+    """What was expected when it came for the first time, shape (3, n)."""
+    past: Floats
+    """What was expected before, a ring of shape (32, 3, n)."""
+    offsets: Floats
+    """The clock's offsets before, a ring of shape (32,)."""
+    stored: NDArray
+    """The stored stop, shape (n,) of ``STOP``."""
+    tracks: NDArray
+    """What is remembered of human capsules, shape (k,) of ``TRACK``."""
+    growth: Floats
+    """How fast people can come, shape (k,) [m/s]."""
+    touch: Floats
+    """Speed of a point of the arm with which they may be touched, shape (k,) [m/s]."""
+    statics: NDArray
+    """Static capsules of the beginning, shape (c,) of ``AGENT``."""
+    planes: NDArray
+    """Half-spaces of the beginning, shape (p,) of ``PLANE``."""
+
+
+SCENE = np.dtype(
+    [
+        ("time", np.float64),  # [s], NaN if it cannot be read
+        ("timed", np.bool_),  # whether it can
+        ("joints", np.bool_),  # whether the joint state could be read; what could not is not in the arrays
+        ("people", np.bool_),  # whether the people could
+        ("seen", np.bool_),  # whether there was a scene to read them from
+        ("fixtures", np.bool_),  # whether static capsules and half-spaces could
+    ],
+    align=True,
+)
+"""What is shown of one arm's surroundings, but for arrays."""
+
+
+class SceneRecord(NamedTuple):
+    """The present as it is shown: sound in shape and type, nothing else."""
+
+    now: NDArray
+    """Shape (1,) of ``SCENE``."""
+    joints: Floats
+    """Rows position, velocity, acceleration, shape (3, n)."""
+    ends: Floats
+    """Starts, ends and their velocities of human capsules, shape (4, k, 3) [m, m/s]."""
+    radius: Floats
+    """Shape (k,) [m]."""
+    age: Floats
+    """Shape (k,) [s]."""
+    valid: NDArray[np.bool_]
+    """Shape (k,)."""
+    person: NDArray[np.int64]
+    """Shape (k,)."""
+    static_ends: Floats
+    """The same of static capsules, shape (4, c, 3)."""
+    static_radius: Floats
+    """Shape (c,) [m]."""
+    normal: Floats
+    """Of half-spaces, shape (p, 3)."""
+    offset: Floats
+    """Shape (p,) [m]."""
+
+
+ANSWER = np.dtype(
+    [
+        ("status", np.int64),
+        ("code", np.int64),  # why, see jssa_gym.tick.codes
+        ("detail", np.int64),  # ... and what stood in the way of a stop, or behind a fault
+        ("capsule", np.int64),  # the robot's capsule that it is about, -1 for none
+        ("other", np.int64),  # the other's number
+        ("moment", np.float64),  # when [s]
+        ("ticks", np.int64),  # by how many
+        ("unverified", np.bool_),  # no verified stop is stored
+        ("persistent", np.bool_),  # joint readings are wrong for so long or so often that it is no accident
+        ("fresh", np.bool_),  # all people were measured at this very moment
+        ("sample", np.int64),  # what became of the sample of the capsule that is worst off, see jssa_gym.kernels.trust
+        ("inside", np.bool_),  # the nominal lay in the box
+        ("phi", np.float64),
+        ("distance", np.float64),
+        ("row", np.int64),
+        ("column", np.int64),
+        ("slack", np.float64),
+        ("rows", np.int64),
+        ("attempt", np.int64),  # times that rows were linearised anew; of printed rows, how many there are
+        ("recovering", np.bool_),  # a row asks for less than 0 at once
+        ("kept", np.bool_),  # all rows are kept
+        ("chosen", np.int64),  # 0 what was proposed, 1 half way to the stored stop, 2 the stored stop; -1 on a fault
+    ],
+    align=True,
+)
+"""What was decided, but for the jerk; fields as of :class:`~jssa_gym.types.Decision`."""
+
+
+class Answer(NamedTuple):
+    """What was decided."""
+
+    told: NDArray
+    """Shape (1,) of ``ANSWER``."""
+    jerk: Floats
+    """To be applied, shape (n,) [rad/s³]."""
+
+
+class Work(NamedTuple):
+    """Scratch: nothing in it outlives a tick."""
+
+    lower: Floats
+    """The box, shape (n,) [rad/s³]."""
+    upper: Floats
+    clipped: Floats
+    """The nominal in the box, shape (n,)."""
+    wanted: Floats
+    """The jerk that is proposed, shape (n,)."""
+    jerk: Floats
+    """The jerk that is looked at, shape (n,)."""
+    halt: Floats
+    """The stored stop's jerk, shape (n,)."""
+    people: Floats
+    """Trusted starts, ends and velocities, shape (4, k, 3)."""
+    radius: Floats
+    """Trusted radii, shape (k,)."""
+    age: Floats
+    """How old they are, shape (k,) [s]."""
+    agents: NDArray
+    """For rows: people, then static capsules, shape (k + c,) of ``AGENT``."""
+    planes: NDArray
+    """For rows, shape (p,) of ``PLANE``."""
+    grown: NDArray
+    """For the stop: people as they were measured, shape (k,) of ``AGENT``."""
+    reach: Floats
+    """How far they can have come since, shape (k,) [m]."""
+    frames: NDArray
+    """The arm, shape (n,) of ``FRAME`` ..."""
+    segments: NDArray
+    """... and its capsules, shape (m,) of ``SEGMENT``, at the end of the step ..."""
+    frames_now: NDArray
+    segments_now: NDArray
+    """... and at its beginning."""
+    pairs: NDArray
+    """Shape (m, k + c + p) of ``PAIR``."""
+    pairs_now: NDArray
+    after: Floats
+    """Joint state at the end of the step, shape (3, n)."""
+    before: Floats
+    L: Floats
+    """Rows, shape (m (k + c + p), n)."""
+    S: Floats
+    owner: NDArray[np.int64]
+    target: Floats
+    multipliers: Floats
+    active: NDArray[np.int64]
+    relief: Floats
+    """Of :func:`~jssa_gym.kernels.projection.scratch`."""
+    next: NDArray
+    """The stop after a jerk that is looked at, shape (n,) of ``STOP``."""
+    posture: Floats
+    """Shape (n,)."""
+    fastest: Floats
+    """Shape (n,)."""
+    spare: Floats
+    """A joint state, shape (3, n)."""
+    told: NDArray
+    """Shape (1,) of ``ANSWER``, about a jerk that is not the one proposed first."""
+
+
+def memory(arms: int, n: int, people: int, statics: int, planes: int) -> Memory:
+    """Memory of arms that nothing is known of; see :func:`jssa_gym.tick.decide.start`."""
+    tracks = records((arms, people), TRACK)
+    tracks["trusted"] = tracks["seen"] = tracks["radius"] = np.nan
+    tracks["stamp"] = tracks["first"] = -np.inf
+    return Memory(
+        records(arms, MEMORY),
+        *(np.zeros((arms, 3, n)), np.zeros((arms, n))),
+        *(np.zeros((arms, 3, n)) for _ in range(3)),
+        np.zeros((arms, REMEMBERED, 3, n)),
+        np.zeros((arms, REMEMBERED)),
+        records((arms, n), STOP),
+        tracks,
+        np.zeros((arms, people)),
+        np.zeros((arms, people)),
+        records((arms, statics), AGENT),
+        records((arms, planes), PLANE),
+    )
+
+
+def scene_record(arms: int, n: int, people: int, statics: int, planes: int) -> SceneRecord:
+    """An empty one."""
+    return SceneRecord(
+        records(arms, SCENE),
+        np.zeros((arms, 3, n)),
+        np.zeros((arms, 4, people, 3)),
+        *(np.zeros((arms, people)) for _ in range(2)),
+        np.zeros((arms, people), np.bool_),
+        np.zeros((arms, people), np.int64),
+        np.zeros((arms, 4, statics, 3)),
+        np.zeros((arms, statics)),
+        np.zeros((arms, planes, 3)),
+        np.zeros((arms, planes)),
+    )
+
+
+def answer(arms: int, n: int) -> Answer:
+    """An empty one."""
+    return Answer(records(arms, ANSWER), np.zeros((arms, n)))
+
+
+def work(n: int, m: int, people: int, statics: int, planes: int) -> Work:
+    """Scratch for arms one after the other."""
+    others = people + statics
+    columns = others + planes
+    rows = max(m * columns, 1)
+    return Work(
+        *(np.zeros(n) for _ in range(6)),
+        np.zeros((4, people, 3)),
+        *(np.zeros(people) for _ in range(2)),
+        records(others, AGENT),
+        records(planes, PLANE),
+        records(people, AGENT),
+        np.zeros(people),
+        *(records(n, FRAME), records(m, SEGMENT), records(n, FRAME), records(m, SEGMENT)),
+        *(records((m, columns), PAIR) for _ in range(2)),
+        *(np.zeros((3, n)) for _ in range(2)),
+        *(np.zeros((rows, n)), np.zeros(rows), np.zeros(rows, np.int64), np.zeros(rows)),
+        *scratch(n, rows),
+        records(n, STOP),
+        *(np.zeros(n) for _ in range(2)),
+        np.zeros((3, n)),
+        records(1, ANSWER),
+    )

@@ -1,0 +1,117 @@
+"""What is believed of people: the last measurements that can be trusted, and how old they are."""
+
+import numpy as np
+
+from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.trust import COVERED, trust
+from jssa_gym.tick import codes
+from jssa_gym.tick.joints import timely
+
+NO_TIME, BACK = 1, 2
+"""What is wrong with the time by which people move: it is none, or went back."""
+
+
+@jit
+def forget_people(memory, e):
+    """Whoever is measured next is who there is."""
+    arm = memory.arm[e]
+    arm["met"], arm["people_time"] = False, -np.inf
+    arm["seen"], arm["ahead"], arm["missed"] = np.nan, 0.0, 0
+    for k in range(memory.tracks.shape[1]):
+        track = memory.tracks[e, k]
+        for row in range(4):
+            for i in range(3):
+                track["trusted"][row, i] = track["seen"][row, i] = np.nan
+        track["radius"], track["stamp"], track["first"] = np.nan, -np.inf, -np.inf
+
+
+@part
+def people_clock(settings, memory, now, readable, e):
+    """The scene's time, set forward where it does not keep up with the ticks: people move on though a clock stands.
+
+    What is no time, or went back, is given back as it is.
+    """
+    arm = memory.arm[e]
+    arm["missed"] += 1
+    # a reading that is none, or went back, does not count: the ticks since the last that does are still due
+    if not readable or now < arm["seen"] or not np.isfinite(now):
+        return now
+    gap, due = now - arm["seen"], settings.dt * arm["missed"]
+    arm["seen"], arm["missed"] = now, 0
+    # what it falls behind counts until it has caught up; a rounding is nothing
+    if abs(due - gap) > 1e-6 * due:
+        arm["ahead"] = max(arm["ahead"] + due - gap, 0.0)
+    return now + arm["ahead"]
+
+
+@part
+def watch(settings, memory, scene, work, answer, e):
+    """Take in the people and say whether what is trusted covers everybody; a code, or 0.
+
+    Into ``work``: the trusted sample of each capsule and its age. Has to be asked once a tick, after
+    :func:`~jssa_gym.tick.joints.follow`.
+    """
+    arm = memory.arm[e]
+    if not scene.now[e]["seen"]:
+        arm["missed"] += 1
+        return codes.PEOPLE
+    time = people_clock(settings, memory, scene.now[e]["time"], scene.now[e]["timed"], e)
+    if not timely(memory, e):
+        # joints that rest look the same at all times, but people go on: those of another tick are not those of now
+        return codes.OTHER_TICK
+    return _update(settings, memory, scene, time, work, answer, e)
+
+
+@part
+def _update(settings, memory, scene, time, work, answer, e):
+    arm, told = memory.arm[e], answer.told[e]
+    if not scene.now[e]["timed"]:
+        return codes.PEOPLE
+    told["detail"], told["moment"] = 0, time
+    if not np.isfinite(time):
+        told["detail"] = NO_TIME
+        return codes.PEOPLE
+    if not time >= arm["people_time"]:
+        told["detail"] = BACK
+        return codes.PEOPLE
+    if not scene.now[e]["people"]:
+        return codes.PEOPLE
+    if not arm["met"]:
+        for k in range(memory.tracks.shape[1]):
+            memory.tracks[e, k]["person"] = scene.person[e, k]
+        arm["met"] = True
+    arm["people_time"] = time
+    worst, verdict, cover, fresh = trust(
+        time,
+        scene.ends[e],
+        scene.radius[e],
+        scene.age[e],
+        scene.valid[e],
+        scene.person[e],
+        settings.position_error,
+        settings.max_age,
+        memory.tracks[e],
+        work.people,
+        work.radius,
+        work.age,
+    )
+    told["fresh"], told["sample"] = fresh, verdict
+    if worst < 0:
+        return 0
+    told["other"], told["detail"], told["moment"] = worst, cover, work.age[worst]
+    return 0 if cover == COVERED else codes.TRUST + 1 + verdict
+
+
+@part
+def present(memory, work, answer, e):
+    """People moved on at their measured velocities from when they were measured, into ``work.agents``."""
+    people, fresh = work.people, answer.told[e]["fresh"]
+    for k in range(memory.tracks.shape[1]):
+        agent, late = work.agents[k], work.age[k]
+        for i in range(3):
+            agent["start_velocity"][i], agent["end_velocity"][i] = people[2, k, i], people[3, k, i]
+            start, end = people[0, k, i], people[1, k, i]
+            if not fresh:
+                start, end = start + late * people[2, k, i], end + late * people[3, k, i]
+            agent["start"][i], agent["end"][i] = start, end
+        agent["radius"] = work.radius[k]

@@ -1,0 +1,96 @@
+"""The tuples of :mod:`~jssa_gym.tick.layout` as compiled functions take them: by one pointer each.
+
+A tuple of arrays would be taken apart and put together again at every call, which costs more than most calls do.
+"""
+
+from typing import Any
+
+from numba import types
+from numba.experimental import structref
+
+from jssa_gym.kernels.jit import jit
+from jssa_gym.tick.layout import Answer, ArmRecord, Memory, SceneRecord, Settings, Work
+
+
+class _Struct(types.StructRef):
+    def preprocess_fields(self, fields: Any) -> Any:
+        return tuple((name, types.unliteral(kind)) for name, kind in fields)
+
+
+@structref.register
+class _ArmRecordType(_Struct): ...
+
+
+@structref.register
+class _SettingsType(_Struct): ...
+
+
+@structref.register
+class _MemoryType(_Struct): ...
+
+
+@structref.register
+class _SceneRecordType(_Struct): ...
+
+
+@structref.register
+class _WorkType(_Struct): ...
+
+
+@structref.register
+class _AnswerType(_Struct): ...
+
+
+@structref.register
+class _ArmsType(_Struct): ...
+
+
+class _ArmRecordStruct(structref.StructRefProxy): ...
+
+
+class _SettingsStruct(structref.StructRefProxy): ...
+
+
+class _MemoryStruct(structref.StructRefProxy): ...
+
+
+class _SceneRecordStruct(structref.StructRefProxy): ...
+
+
+class _WorkStruct(structref.StructRefProxy): ...
+
+
+class _AnswerStruct(structref.StructRefProxy): ...
+
+
+for layout, proxy, kind in (
+    (ArmRecord, _ArmRecordStruct, _ArmRecordType),
+    (Settings, _SettingsStruct, _SettingsType),
+    (Memory, _MemoryStruct, _MemoryType),
+    (SceneRecord, _SceneRecordStruct, _SceneRecordType),
+    (Work, _WorkStruct, _WorkType),
+    (Answer, _AnswerStruct, _AnswerType),
+):
+    structref.define_boxing(kind, proxy)
+    structref.define_constructor(proxy, kind, layout._fields)
+
+
+class _ArmsStruct(structref.StructRefProxy):
+    """All of them at once; what :func:`~jssa_gym.tick.loop.decide_all` takes."""
+
+
+structref.define_boxing(_ArmsType, _ArmsStruct)
+structref.define_constructor(_ArmsStruct, _ArmsType, ["robot", "settings", "memory", "scene", "work", "answer"])
+
+
+@jit
+def arms(robot, settings, memory, scene, work, answer):
+    """A pointer to the very arrays of these tuples, which it keeps alive."""
+    return _ArmsStruct(
+        _ArmRecordStruct(*robot),
+        _SettingsStruct(*settings),
+        _MemoryStruct(*memory),
+        _SceneRecordStruct(*scene),
+        _WorkStruct(*work),
+        _AnswerStruct(*answer),
+    )
