@@ -61,10 +61,10 @@ class Records:
             self._allocate(*sizes)
 
     def _allocate(self, people: int, statics: int, planes: int) -> None:
-        n, rows = len(self.robot.links), self.settings.static_rows
+        n = len(self.robot.links)
         self.memory = _kept(self.memory, layout.memory(1, n, people, statics, planes))
         self.scene = _kept(self.scene, layout.scene_record(1, n, people, statics, planes))
-        self.work = layout.work(n, len(self.robot.capsules), people, statics * rows, planes * rows)
+        self.work = layout.work(self.robot, people, statics, planes, static_rows=self.settings.static_rows)
         self.sizes = people, statics, planes
         self._view: View | None = None
 

@@ -284,6 +284,14 @@ class Work(NamedTuple):
     """Shape (n,)."""
     fastest: Floats
     """Shape (n,)."""
+    people_off: Floats
+    """Shape (m, k) ..."""
+    planes_off: Floats
+    """... (m, p) ..."""
+    statics_off: Floats
+    """... (m, c) ..."""
+    self_off: Floats
+    """... and (s,) [s], of :func:`~jssa_gym.kernels.verification.keeps_clear`."""
     spare: Floats
     """A joint state, shape (3, n)."""
     told: NDArray
@@ -296,33 +304,37 @@ def memory(arms: int, n: int, people: int, statics: int, planes: int) -> Memory:
     tracks["trusted"] = tracks["seen"] = tracks["radius"] = np.nan
     tracks["stamp"] = tracks["first"] = -np.inf
     return Memory(
-        records(arms, MEMORY),
-        *(np.zeros((arms, 3, n)), np.zeros((arms, n))),
-        *(np.zeros((arms, 3, n)) for _ in range(3)),
-        np.zeros((arms, REMEMBERED, 3, n)),
-        np.zeros((arms, REMEMBERED)),
-        records((arms, n), STOP),
-        tracks,
-        np.zeros((arms, people)),
-        np.zeros((arms, people)),
-        records((arms, statics), AGENT),
-        records((arms, planes), PLANE),
+        arm=records(arms, MEMORY),
+        state=np.zeros((arms, 3, n)),
+        applied=np.zeros((arms, n)),
+        expected=np.zeros((arms, 3, n)),
+        last=np.zeros((arms, 3, n)),
+        anchor=np.zeros((arms, 3, n)),
+        past=np.zeros((arms, REMEMBERED, 3, n)),
+        offsets=np.zeros((arms, REMEMBERED)),
+        stored=records((arms, n), STOP),
+        tracks=tracks,
+        growth=np.zeros((arms, people)),
+        touch=np.zeros((arms, people)),
+        statics=records((arms, statics), AGENT),
+        planes=records((arms, planes), PLANE),
     )
 
 
 def scene_record(arms: int, n: int, people: int, statics: int, planes: int) -> SceneRecord:
     """An empty one."""
     return SceneRecord(
-        records(arms, SCENE),
-        np.zeros((arms, 3, n)),
-        np.zeros((arms, 4, people, 3)),
-        *(np.zeros((arms, people)) for _ in range(2)),
-        np.zeros((arms, people), np.bool_),
-        np.zeros((arms, people), np.int64),
-        np.zeros((arms, 4, statics, 3)),
-        np.zeros((arms, statics)),
-        np.zeros((arms, planes, 3)),
-        np.zeros((arms, planes)),
+        now=records(arms, SCENE),
+        joints=np.zeros((arms, 3, n)),
+        ends=np.zeros((arms, 4, people, 3)),
+        radius=np.zeros((arms, people)),
+        age=np.zeros((arms, people)),
+        valid=np.zeros((arms, people), np.bool_),
+        person=np.zeros((arms, people), np.int64),
+        static_ends=np.zeros((arms, 4, statics, 3)),
+        static_radius=np.zeros((arms, statics)),
+        normal=np.zeros((arms, planes, 3)),
+        offset=np.zeros((arms, planes)),
     )
 
 
@@ -331,26 +343,49 @@ def answer(arms: int, n: int) -> Answer:
     return Answer(records(arms, ANSWER), np.zeros((arms, n)))
 
 
-def work(n: int, m: int, people: int, statics: int, planes: int) -> Work:
-    """Scratch for arms one after the other."""
-    others = people + statics
-    columns = others + planes
-    rows = max(m * columns, 1)
+def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_rows: bool) -> Work:
+    """Scratch for arms one after the other; ``static_rows`` as of :class:`Settings`."""
+    n, m = len(robot.links), len(robot.capsules)
+    others, sides = (people + statics, planes) if static_rows else (people, 0)
+    pairs = (m, others + sides)
+    rows = max(m * (others + sides), 1)
+    multipliers, active, relief = scratch(n, rows)
     return Work(
-        *(np.zeros(n) for _ in range(6)),
-        np.zeros((4, people, 3)),
-        *(np.zeros(people) for _ in range(2)),
-        records(others, AGENT),
-        records(planes, PLANE),
-        records(people, AGENT),
-        np.zeros(people),
-        *(records(n, FRAME), records(m, SEGMENT), records(n, FRAME), records(m, SEGMENT)),
-        *(records((m, columns), PAIR) for _ in range(2)),
-        *(np.zeros((3, n)) for _ in range(2)),
-        *(np.zeros((rows, n)), np.zeros(rows), np.zeros(rows, np.int64), np.zeros(rows)),
-        *scratch(n, rows),
-        records(n, STOP),
-        *(np.zeros(n) for _ in range(2)),
-        np.zeros((3, n)),
-        records(1, ANSWER),
+        lower=-robot.limits[4],
+        upper=robot.limits[4].copy(),
+        clipped=np.zeros(n),
+        wanted=np.zeros(n),
+        jerk=np.zeros(n),
+        halt=np.zeros(n),
+        people=np.zeros((4, people, 3)),
+        radius=np.zeros(people),
+        age=np.zeros(people),
+        agents=records(others, AGENT),
+        planes=records(sides, PLANE),
+        grown=records(people, AGENT),
+        reach=np.zeros(people),
+        frames=records(n, FRAME),
+        segments=records(m, SEGMENT),
+        frames_now=records(n, FRAME),
+        segments_now=records(m, SEGMENT),
+        pairs=records(pairs, PAIR),
+        pairs_now=records(pairs, PAIR),
+        after=np.zeros((3, n)),
+        before=np.zeros((3, n)),
+        L=np.zeros((rows, n)),
+        S=np.zeros(rows),
+        owner=np.zeros(rows, np.int64),
+        target=np.zeros(rows),
+        multipliers=multipliers,
+        active=active,
+        relief=relief,
+        next=records(n, STOP),
+        posture=np.zeros(n),
+        fastest=np.zeros(n),
+        people_off=np.zeros((m, people)),
+        planes_off=np.zeros((m, planes)),
+        statics_off=np.zeros((m, statics)),
+        self_off=np.zeros(len(robot.self_pairs)),
+        spare=np.zeros((3, n)),
+        told=records(1, ANSWER),
     )
