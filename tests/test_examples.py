@@ -3,11 +3,9 @@
 import re
 import runpy
 import sys
-from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parent.parent
+from places import ROOT
 
 
 def readme_blocks() -> list[str]:

@@ -7,11 +7,11 @@ import subprocess
 import sys
 import textwrap
 import threading
-from pathlib import Path
 from types import SimpleNamespace
 
 import picklable
 import pytest
+from places import environment
 
 import jssa_gym.cli
 from jssa_gym.cli import compare, evaluate, stress
@@ -21,7 +21,6 @@ from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError
 
-HERE = str(Path(__file__).parent)
 PATIENCE = 300.0
 """For a process to end [s]: much less than its work would take."""
 
@@ -29,10 +28,9 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no 
 
 
 def start(*command, stdin=None):
-    path = os.pathsep.join([HERE, *filter(None, [os.environ.get("PYTHONPATH")])])
     return subprocess.Popen(
         [sys.executable, *command],
-        env=os.environ | {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
+        env=environment() | {"PYTHONUNBUFFERED": "1"},
         stdin=stdin,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

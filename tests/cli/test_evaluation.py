@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tyro
+from places import TESTS
 
 from jssa_gym import plots
 from jssa_gym.cli import Command
@@ -125,7 +126,7 @@ def test_no_file_that_a_recording_names_is_opened(folder, tmp_path, monkeypatch,
 
 
 def test_a_policy_whose_actions_are_not_finite_is_told(tmp_path, monkeypatch, capsys):
-    monkeypatch.syspath_prepend(Path(__file__).parent)
+    monkeypatch.syspath_prepend(TESTS)
     broken = "picklable:broken_every_third"
     Evaluate(policy=broken, episodes=1, seconds=0.2, filter="none", out=tmp_path / "a", json=True).run()
     told = capsys.readouterr()

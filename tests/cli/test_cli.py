@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from commands import cli, one_line
 
 from jssa_gym import plots
 from jssa_gym.cli import main
@@ -23,29 +24,6 @@ from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.shields import FILTERS
 
 SHORT = ("demo", "--seconds", "0.4")
-
-
-def cli(*arguments, cwd=None, before=""):
-    """``jssa-gym`` in another process; ``before`` is Python run ahead of it."""
-    script = f"{before}\nimport sys\nsys.argv[0] = 'jssa-gym'\nfrom jssa_gym.cli import main\nmain()"
-    return subprocess.run(
-        [sys.executable, "-c", script, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        env={**os.environ, "COLUMNS": "120"},
-        check=False,
-    )
-
-
-def one_line(run) -> str:
-    """The only line on stderr of a command that was refused."""
-    assert run.returncode == 2, run.stderr
-    assert "Traceback" not in run.stderr
-    assert run.stdout == ""
-    (line,) = (line for line in run.stderr.splitlines() if line.strip())
-    assert line.startswith("jssa-gym: ")
-    return line
 
 
 def check_metrics(path):

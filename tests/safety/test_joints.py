@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import reference as ref
+from strollers import ball
 
 from jssa_gym.envs import ArmEnv
 from jssa_gym.exceptions import InvalidActionError, ParameterError
@@ -384,7 +385,6 @@ def test_the_tolerance_is_kept_from_people_as_metres(robot, make_scene):
 
 def test_a_tolerance_moves_the_edge_of_what_is_allowed_by_its_metres(robot, make_scene):
     """A person at whom a stop is just verified without a tolerance is too near with one."""
-    from test_failsafe import ball
 
     def allowed(distance, params):
         own = Own(robot, make_scene, exact, None, params)
@@ -515,8 +515,6 @@ POSTS = "static capsules are not those of the beginning"
 
 
 def test_a_scene_that_is_not_what_it_was_is_a_fault(robot, make_scene):
-    from test_failsafe import ball
-
     person = ball([2.0, 0.0, 1.2])
     post, nothing = ball([3.0, 1.0, 0.5], name="post"), Planes(np.zeros((0, 3)), np.zeros(0), ())
     cases = {
@@ -795,8 +793,6 @@ def test_a_masked_action_is_no_action():
 
 def test_missing_scenes_take_time_for_people_too(robot, make_scene):
     """A clock that stands still through them must not make what was measured before them fresh."""
-    from test_failsafe import ball
-
     guard = make_filter("stop", robot, DT, failsafe=FailsafeParams())._guard
     scene = make_scene([robot.home, np.zeros(6), np.zeros(6)], ball([2.0, 0.0, 1.2], velocity=(0.5, 0.0, 0.0)))
     assert guard.watch(scene).age == pytest.approx([0.0])
@@ -808,8 +804,6 @@ def test_missing_scenes_take_time_for_people_too(robot, make_scene):
 @pytest.mark.parametrize("hang", ["stands still", "goes back", "lags"])
 def test_people_of_another_tick_are_not_those_of_now(robot, make_scene, hang):
     """A whole scene that hangs says that its people are fresh; they go on, and are believed where they are then."""
-    from test_failsafe import ball
-
     own = Own(robot, make_scene, exact)
     people, scenes = [], []
     for k in range(40):

@@ -7,11 +7,11 @@ import re
 import subprocess
 import sys
 import zipfile
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from places import DOCS
 
 import jssa_gym
 from jssa_gym.cli.compare import Compare
@@ -178,7 +178,7 @@ class TestConversion:
 
 
 def test_what_the_documentation_shows_really_runs(tmp_path, monkeypatch):
-    text = (Path(__file__).parent.parent / "docs" / "policies.md").read_text()
+    text = (DOCS / "policies.md").read_text()
     loading, converting = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)
     for block in (converting, loading):
@@ -186,7 +186,7 @@ def test_what_the_documentation_shows_really_runs(tmp_path, monkeypatch):
 
 
 def test_the_documentation_lists_all_keys_of_a_file(saved_policy):
-    text = (Path(__file__).parent.parent / "docs" / "policies.md").read_text()
+    text = (DOCS / "policies.md").read_text()
     with zipfile.ZipFile(saved_policy) as archive:
         header = json.loads(archive.read("policy.json"))
     table = text.split("| key of `policy.json` | value |")[1].split("\n\n")[0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.sparse
-from test_control_plan import DT, assert_kept, one_joint, played, rest
+from plans import DT, assert_kept, one_joint, played, rest
 
 from jssa_gym.control import Plan, moves, plan_approach, plan_brake, plan_move, plan_waypoints
 from jssa_gym.control.inverse import farther_than_stretched, postures_for, way_is_clear

@@ -9,8 +9,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from test_cli import cli, one_line
-from test_train_config import WITHOUT
+from commands import WITHOUT, cli, one_line
 
 from jssa_gym import plots
 from jssa_gym.cli import main

@@ -1,11 +1,10 @@
 """The servoed arm: how well it follows, how it is judged, and what the shield has to be told of it."""
 
-from pathlib import Path
-
 import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+from places import DOCS
 
 import jssa_gym
 from jssa_gym.control import plan_brake, plan_move
@@ -72,9 +71,9 @@ def test_nobody_is_touched_in_motion_under_what_was_measured(human, policy, seed
 
 
 def test_what_was_measured_is_what_the_guarantees_state():
-    guarantees = Path(__file__).parents[1] / "docs" / "guarantees.md"
     lag, error = MEASURED["actuation_lag"], 1e3 * MEASURED["tracking_error"]
-    assert f"`actuation_lag` {lag:g} s, `tracking_error` {error:g} mm |" in guarantees.read_text(encoding="utf-8")
+    guarantees = (DOCS / "guarantees.md").read_text(encoding="utf-8")
+    assert f"`actuation_lag` {lag:g} s, `tracking_error` {error:g} mm |" in guarantees
 
 
 # ---- what moves is judged ------------------------------------------------------------------------------

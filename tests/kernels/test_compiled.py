@@ -4,11 +4,11 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
+from places import TESTS
 
-SCRIPT = Path(__file__).parent / "kernel_values.py"
+SCRIPT = TESTS / "kernel_values.py"
 
 
 def values(disable_jit: str) -> dict[str, list[float]]:

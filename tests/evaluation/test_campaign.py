@@ -8,11 +8,11 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from picklable import killed
+from places import environment
 
 from jssa_gym import plots
 from jssa_gym.cli.stress import Stress, _curves
@@ -142,9 +142,7 @@ def test_a_killed_worker_is_one_line_that_says_how_to_go_on():
 
 def test_workers_end_with_a_parent_that_was_killed():
     code = "from picklable import lasting; from jssa_gym.evaluation.workers import run; run(lasting, range(2), 2, id)"
-    here, path = str(Path(__file__).parent), os.environ.get("PYTHONPATH")
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([here, path] if path else [here])}
-    with subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True) as parent:
+    with subprocess.Popen([sys.executable, "-c", code], env=environment(), stdout=subprocess.PIPE, text=True) as parent:
         workers = [int(parent.stdout.readline()) for _ in range(2)]
         try:
             parent.kill()

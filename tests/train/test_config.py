@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from commands import WITHOUT
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.train import ALGORITHMS, PPO, PRESETS, SAC, TD3, TQC, TrainConfig, preset
@@ -225,16 +226,6 @@ def test_presets_are_what_they_say():
         assert isinstance(config.settings, kind)
         assert isinstance(config.settings, Settings)
         assert config.shield
-
-
-WITHOUT = """
-import sys
-class Blocked:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {blocked!r}:
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
-sys.meta_path.insert(0, Blocked())
-"""
 
 
 @pytest.mark.parametrize("blocked", [("torch", "stable_baselines3"), ("torch",), ("stable_baselines3",)])

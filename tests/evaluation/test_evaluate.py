@@ -19,6 +19,7 @@ import gymnasium as gym
 import numpy as np
 import picklable
 import pytest
+from places import DOCS
 from scipy import stats
 
 import jssa_gym
@@ -397,18 +398,16 @@ def test_a_finished_study_is_read_not_played(finished, monkeypatch):
 KILLED = """
 import sys
 from pathlib import Path
-from urllib.parse import unquote
-sys.path[:0] = {path!r}
 if __name__ == "__main__":
-    from test_evaluate import TINY
+    from jssa_gym.evaluation import Study
     from jssa_gym.evaluation.runner import complete
-    complete(TINY, Path(sys.argv[1]))
+    complete({study!r}, Path(sys.argv[1]))
 """
 
 
 def test_a_killed_study_goes_on(finished, tmp_path):
     script, folder = tmp_path / "run.py", tmp_path / "killed"
-    script.write_text(KILLED.format(path=[str(Path(__file__).parent)]))
+    script.write_text(KILLED.format(study=TINY))
     process = subprocess.Popen([sys.executable, str(script), str(folder)], start_new_session=True)
     try:
         table = folder / "episodes.csv"
@@ -686,8 +685,6 @@ def test_saved_recordings_and_records_agree_with_reports(tmp_path):
 
 
 # ---- documentation -----------------------------------------------------------------------------------
-
-DOCS = Path(__file__).parent.parent / "docs"
 
 
 def test_the_tables_of_metrics_are_made_from_the_code():

@@ -3,11 +3,11 @@
 import csv
 import runpy
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-PATH = Path(__file__).parent.parent / "benchmarks" / "leaderboard.py"
+PATH = ROOT / "benchmarks" / "leaderboard.py"
 
 
 def comparison(folder, outcomes, task="home", seeds=range(40)):

@@ -1,15 +1,17 @@
 """The verified stop in a filter: what is applied, what goes on when something fails, and that the arm comes to rest."""
 
 import hashlib
-import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import reference as ref
+from places import environment
+from strollers import ball
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import Body, nobody, together
@@ -32,11 +34,6 @@ LONGEST = 1.2
 def times(request):
     """Factor on the number of cases; the large one runs with -m slow."""
     return request.param
-
-
-def ball(place, radius=0.1, name="core_body", velocity=(0.0, 0.0, 0.0), person=0) -> CapsuleSet:
-    at, rate = np.array([place], float), np.array([velocity], float)
-    return CapsuleSet(at, at.copy(), rate, rate.copy(), np.array([radius]), (name,), np.array([person]))
 
 
 FAR = ball([3.0, 0.0, 1.2])
@@ -1063,10 +1060,8 @@ def digest(steps=1500):
 def test_runs_repeat_bit_for_bit_here_and_in_another_process():
     here = digest()
     assert digest() == here
-    source = "import sys; sys.path.insert(0, sys.argv[1]); import test_failsafe; print(test_failsafe.digest())"
-    folder = os.path.dirname(os.path.abspath(__file__))  # noqa: PTH100, PTH120
-    command = [sys.executable, "-c", source, folder]
-    there = subprocess.run(command, capture_output=True, text=True, check=True)
+    command = [sys.executable, "-c", "import test_failsafe; print(test_failsafe.digest())"]
+    there = subprocess.run(command, env=environment(Path(__file__).parent), capture_output=True, text=True, check=True)
     assert there.stdout.strip() == here
 
 

@@ -4,11 +4,11 @@ import dataclasses
 import itertools
 import runpy
 import zipfile
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from places import ROOT
 from scipy.spatial.transform import Rotation
 
 from jssa_gym.exceptions import JSSAGymError, ParameterError, RecordingError
@@ -17,7 +17,7 @@ from jssa_gym.humans.body import NAMES
 from jssa_gym.humans.recorded import REACH_AND_RETREAT
 
 DT = 0.008
-EXAMPLE = Path(__file__).parent.parent / "examples" / "make_recording.py"
+EXAMPLE = ROOT / "examples" / "make_recording.py"
 
 
 def stroll(speed=0.5, seconds=2.0, samples=21, start=(1.5, 0.0), way=(1.0, 0.0)):

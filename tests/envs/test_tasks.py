@@ -1,11 +1,10 @@
 """Track and Handover against hand computation; each by somebody who does it and somebody who does not."""
 
-from pathlib import Path
-
 import gymnasium as gym
 import numpy as np
 import pytest
 import reference as ref
+from places import DOCS
 from scipy.optimize import least_squares
 
 import jssa_gym
@@ -466,7 +465,7 @@ def test_bad_parameters_of_who_receives_are_named():
 
 def rows(page):
     """The cells of a page's table rows that begin with a name in back-quotes, by that name."""
-    text = (Path(__file__).parent.parent / "docs" / page).read_text()
+    text = (DOCS / page).read_text()
     lines = [line for line in text.splitlines() if line.startswith("| `")]
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     return {line[0].strip("`"): line[1:] for line in cells}

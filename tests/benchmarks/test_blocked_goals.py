@@ -4,11 +4,11 @@ import json
 import runpy
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from places import ROOT
 
 import jssa_gym
 from jssa_gym.control import plan_move
@@ -20,7 +20,7 @@ from jssa_gym.kernels.chain import forward
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.safety.postures import tool_point
 
-PATH = Path(__file__).parent.parent / "benchmarks" / "blocked_goals.py"
+PATH = ROOT / "benchmarks" / "blocked_goals.py"
 BENCH = runpy.run_path(str(PATH))
 EVERY = np.ones(1000, bool)
 HEAD = np.array([0.8, 0.1, 1.5])

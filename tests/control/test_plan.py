@@ -6,46 +6,14 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.sparse
+from plans import DT, assert_kept, one_joint, played, rest
 
-from jssa_gym.control import Plan, plan_move, plan_waypoints
+from jssa_gym.control import plan_move, plan_waypoints
 from jssa_gym.control.least_jerk import corrected, equalities, required
 from jssa_gym.exceptions import InfeasibleError, ParameterError
-from jssa_gym.robots import JointLimits
 from jssa_gym.types import JointState
 
-DT = 0.008
 ZERO = np.zeros(6)
-
-
-def rest(position):
-    return JointState(np.array(position, float), np.zeros(len(position)), np.zeros(len(position)))
-
-
-def played(state, jerk, parts=1):
-    """States (H parts + 1, 3, n) that jerks lead to, by Eq. (1) written out; ``parts`` samples a tick."""
-    q, v, a = (np.array(x, float) for x in state)
-    states, t = [np.array([q, v, a])], DT / parts
-    for u in jerk:
-        for _ in range(parts):
-            q, v, a = q + t * v + t**2 / 2 * a + t**3 / 6 * u, v + t * a + t**2 / 2 * u, a + t * u
-            states.append(np.array([q, v, a]))
-    return np.array(states)
-
-
-def assert_kept(plan: Plan, state, waypoints, limits, each):
-    """What a plan promises, judged by other code."""
-    assert np.all(np.abs(plan.jerk) <= limits.jerk * (1 + 1e-9))
-    fine = played(state, plan.jerk, parts=5)
-    low, high = limits.position.T
-    slack = 1e-9 * (high - low)
-    assert np.all((fine[:, 0] >= low - slack) & (fine[:, 0] <= high + slack))
-    assert np.all(np.abs(fine[:, 1]) <= limits.velocity * (1 + 1e-9))
-    assert np.all(np.abs(fine[:, 2]) <= limits.acceleration * (1 + 1e-9))
-    states = played(state, plan.jerk)
-    np.testing.assert_allclose(plan.states, states, atol=1e-11)
-    assert np.abs(states[-1, 1:]).max() <= 1e-9
-    assert plan.marks == tuple(each * (k + 1) for k in range(len(waypoints)))
-    assert np.abs(states[list(plan.marks), 0] - waypoints).max() <= 1e-6
 
 
 def random_task(rng, limits, count, spread=0.15):
@@ -247,10 +215,6 @@ def test_a_period_that_is_too_short_is_refused_with_the_shortest(robot, seed):
     assert again.value.shortest == pytest.approx(shortest)
     stretched = plan_waypoints(rest(start), waypoints, 0.08, limits, DT, stretch=True)
     assert stretched.duration == pytest.approx(shortest * len(waypoints))
-
-
-def one_joint(limits, j):
-    return JointLimits(limits.position[[j]], limits.velocity[[j]], limits.acceleration[[j]], limits.jerk[[j]])
 
 
 def test_a_tick_less_than_the_shortest_period_is_infeasible_for_a_linear_programme_too(robot):

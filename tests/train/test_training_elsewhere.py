@@ -6,13 +6,12 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).parent.parent
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 
