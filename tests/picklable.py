@@ -15,10 +15,14 @@ import numpy as np
 
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.sensor import SensorModel
+from jssa_gym.evaluation import Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields import SafetyFilter, Shield
 from jssa_gym.shields.pairs import PairFilter
 from jssa_gym.types import Decision, Status
+
+TINY = Study(("reach", "home"), ("jssa+stop", "none"), ("pursuit",), ("wander",), episodes=3, seed=5, steps=250)
+"""Twelve short episodes."""
 
 
 def environment() -> ArmEnv:

@@ -19,7 +19,8 @@ import gymnasium as gym
 import numpy as np
 import picklable
 import pytest
-from places import DOCS
+from picklable import TINY
+from places import DOCS, environment
 from scipy import stats
 
 import jssa_gym
@@ -52,8 +53,6 @@ from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.shields import FILTERS, JSSAFilter
-
-TINY = Study(("reach", "home"), ("jssa+stop", "none"), ("pursuit",), ("wander",), episodes=3, seed=5, steps=250)
 
 TIMED = {"shield_p50", "shield_p95", "shield_p99", "shield_max", "deadline_miss_rate"}
 
@@ -399,16 +398,16 @@ KILLED = """
 import sys
 from pathlib import Path
 if __name__ == "__main__":
-    from jssa_gym.evaluation import Study
+    from picklable import TINY
     from jssa_gym.evaluation.runner import complete
-    complete({study!r}, Path(sys.argv[1]))
+    complete(TINY, Path(sys.argv[1]))
 """
 
 
 def test_a_killed_study_goes_on(finished, tmp_path):
     script, folder = tmp_path / "run.py", tmp_path / "killed"
-    script.write_text(KILLED.format(study=TINY))
-    process = subprocess.Popen([sys.executable, str(script), str(folder)], start_new_session=True)
+    script.write_text(KILLED)
+    process = subprocess.Popen([sys.executable, str(script), str(folder)], env=environment(), start_new_session=True)
     try:
         table = folder / "episodes.csv"
         deadline = time.monotonic() + 1200.0
