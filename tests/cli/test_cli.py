@@ -3,7 +3,6 @@
 import importlib.metadata
 import itertools
 import json
-import os
 import re
 import subprocess
 import sys
@@ -103,22 +102,22 @@ def test_demo_films_and_prints_json(tmp_path):
     ],
     ids=" ".join,
 )
-def test_bad_input_is_one_line_and_exit_code_2(tmp_path, arguments, word):
-    assert word in one_line(cli(*arguments, cwd=tmp_path))
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, here, arguments, word):
+    assert word in one_line(here(*arguments, cwd=tmp_path))
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("where", ["file", "file/below"])
-def test_a_folder_that_cannot_be_is_one_line_and_exit_code_2(tmp_path, where):
+def test_a_folder_that_cannot_be_is_one_line_and_exit_code_2(tmp_path, here, where):
     (tmp_path / "file").write_text("mine")
-    line = one_line(cli(*SHORT, "--no-video", "--out", tmp_path / where))
+    line = one_line(here(*SHORT, "--no-video", "--out", tmp_path / where))
     assert "file" in line
     assert (tmp_path / "file").read_text() == "mine"
 
 
 @pytest.mark.parametrize("arguments", [(), ("fly",), ("demo", "--speed", "fast"), ("demo", "--bogus")], ids=" ".join)
-def test_what_cannot_be_parsed_is_exit_code_2(tmp_path, arguments):
-    run = cli(*arguments, cwd=tmp_path)
+def test_what_cannot_be_parsed_is_exit_code_2(tmp_path, here, arguments):
+    run = here(*arguments, cwd=tmp_path)
     assert run.returncode == 2
     assert run.stderr
     assert "Traceback" not in run.stderr
@@ -167,10 +166,11 @@ def test_help_lists_every_name(command, registries, monkeypatch, capsys):
 
 
 def test_the_module_runs_as_a_command():
-    run = subprocess.run(
-        [sys.executable, "-m", "jssa_gym", "--help"], capture_output=True, text=True, check=True, env={**os.environ}
-    )
-    assert "demo" in run.stdout
+    command = [sys.executable, "-m", "jssa_gym", "evaluate"]
+    run = subprocess.run([*command, "--help"], capture_output=True, text=True, check=True)
+    assert "--episodes" in run.stdout
+    run = subprocess.run([*command, "--jobs", "0"], capture_output=True, text=True, check=False)
+    assert "jobs" in one_line(run)
 
 
 @pytest.mark.parametrize(
@@ -323,9 +323,9 @@ def test_bench_says_why_cbfpy_is_missing(monkeypatch, capsys, tmp_path, installe
     assert ("times of another" in out) == (said == "")
 
 
-def test_stress_counts_and_the_same_command_adds_nothing(tmp_path):
+def test_stress_counts_and_the_same_command_adds_nothing(tmp_path, here):
     command = ("stress", "--seconds", "0.4", "--by", "filter", "human", "--out", tmp_path / "out")
-    runs = [cli(*command, "--json") for _ in range(2)]
+    runs = [run(*command, "--json") for run in (cli, here)]
     assert [run.returncode for run in runs] == [0, 0], runs[0].stderr
     assert runs[0].stdout == runs[1].stdout
     result = json.loads(runs[0].stdout)
@@ -334,7 +334,7 @@ def test_stress_counts_and_the_same_command_adds_nothing(tmp_path):
     ]
     assert all(row["contacts"]["n"] == 4 and row["moving"]["high"] > 0.0 for row in result["rows"])
     assert result["broken"] == 0
-    assert "other steps" in one_line(cli("stress", "--seconds", "0.5", "--out", tmp_path / "out"))
+    assert "other steps" in one_line(here("stress", "--seconds", "0.5", "--out", tmp_path / "out"))
     (tmp_path / "file").write_text("mine")
-    assert "file" in one_line(cli("stress", "--out", tmp_path / "file"))
+    assert "file" in one_line(here("stress", "--out", tmp_path / "file"))
     assert (tmp_path / "file").read_text() == "mine"

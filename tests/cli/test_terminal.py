@@ -20,7 +20,7 @@ from rich.table import Table
 
 import jssa_gym
 from jssa_gym import plots
-from jssa_gym.cli import main, terminal
+from jssa_gym.cli import terminal
 from jssa_gym.cli.arguments import given_once
 from jssa_gym.cli.terminal import Terminal, prepared
 from jssa_gym.envs import ArmEnv
@@ -35,18 +35,6 @@ from jssa_gym.text import counted, printable
 CLI = Path(jssa_gym.__file__).parent / "cli"
 HOSTILE = "a\x1b[2J\x1b]0;title\x07b [/red] [bold] :smile: $\\frac$ \n jssa-gym: fine \u202etxt\x9b1m\x7f\ud800"
 SEEN = r"a\x1b[2J\x1b]0;title\x07b [/red] [bold] :smile: $\frac$ \n jssa-gym: fine \u202etxt\x9b1m\x7f\ud800"
-
-
-def command(monkeypatch, capsys, *arguments):
-    """Exit code, standard output and error of a command in this process."""
-    monkeypatch.setattr(sys, "argv", ["jssa-gym", *map(str, arguments)])
-    code = 0
-    try:
-        main()
-    except SystemExit as ended:
-        code = ended.code
-    out, err = capsys.readouterr()
-    return code, out, err
 
 
 def fails(error):
@@ -162,13 +150,13 @@ def hostile_trace(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:Glyph")
-def test_replay_shows_a_recordings_name(hostile_trace, tmp_path, monkeypatch, capsys):
+def test_replay_shows_a_recordings_name(hostile_trace, tmp_path, here):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-    code, out, err = command(monkeypatch, capsys, "replay", hostile_trace, "--no-video", "--verify")
+    code, out, err = here("replay", hostile_trace, "--no-video", "--verify")
     assert code == 0, err
     assert obedient(out + err) == set()
     assert out.splitlines()[0].startswith(f"{SEEN}: 20 steps")
-    code, out, err = command(monkeypatch, capsys, "replay", hostile_trace, "--no-video", "--again")
+    code, out, err = here("replay", hostile_trace, "--no-video", "--again")
     assert (code, out) == (2, "")
     assert obedient(err) == set()
     assert len(err.splitlines()) == 1
@@ -181,14 +169,14 @@ def test_figures_show_a_name_as_it_is():
         assert plots.label(name, 480).shape == (30, 480, 3)
 
 
-def test_a_counter_examples_name_is_shown(hostile_trace, monkeypatch, capsys):
-    code, out, err = command(monkeypatch, capsys, "certify", "--replay", hostile_trace)
+def test_a_counter_examples_name_is_shown(hostile_trace, here):
+    code, out, err = here("certify", "--replay", hostile_trace)
     assert (code, out) == (2, "")
     assert len(err.splitlines()) == 1
     assert obedient(err) == set()
 
 
-def test_the_names_of_a_robots_parts_are_shown_and_stay_in_the_folder(toy_mjcf, tmp_path, monkeypatch, capsys):
+def test_the_names_of_a_robots_parts_are_shown_and_stay_in_the_folder(toy_mjcf, tmp_path, here):
     toy_mjcf.write_text(toy_mjcf.read_text().replace('name="third"', 'name="../../[/red]&#27;[2J"'))
     words = (
         "--robot",
@@ -201,7 +189,7 @@ def test_the_names_of_a_robots_parts_are_shown_and_stay_in_the_folder(toy_mjcf, 
         "--out",
         tmp_path / "deep" / "out",
     )
-    code, out, err = command(monkeypatch, capsys, "certify", *words)
+    code, out, err = here("certify", *words)
     assert code in (0, 1), err
     assert obedient(out + err) == set()
     assert "[/red]\\x1b[2J" in out
@@ -209,7 +197,7 @@ def test_the_names_of_a_robots_parts_are_shown_and_stay_in_the_folder(toy_mjcf, 
 
 
 @pytest.mark.parametrize("name", ["evaluate", "compare", "stress"])
-def test_names_that_a_user_has_registered_are_shown(tmp_path, monkeypatch, capsys, name):
+def test_names_that_a_user_has_registered_are_shown(tmp_path, monkeypatch, here, name):
     bad = "[/red]\x1b[31m"
     monkeypatch.setitem(FILTERS, bad, FILTERS["none"])
     monkeypatch.setitem(POLICIES, bad, POLICIES["hold"])
@@ -218,9 +206,7 @@ def test_names_that_a_user_has_registered_are_shown(tmp_path, monkeypatch, capsy
         "compare": ("--filters", bad, "none", "--humans", "none", "--policies", bad),
         "stress": ("--filters", "none", "--humans", "pursuit", "--policies", bad, "--by", "policy"),
     }[name]
-    code, out, err = command(
-        monkeypatch, capsys, name, *words, "--episodes", "1", "--seconds", "0.2", "--out", tmp_path / "[bold]out\x1b"
-    )
+    code, out, err = here(name, *words, "--episodes", "1", "--seconds", "0.2", "--out", tmp_path / "[bold]out\x1b")
     assert code in (0, 1), err
     assert obedient(out + err) == set()
     assert "[/red]\\x1b[31m" in out
@@ -253,9 +239,9 @@ def test_names_that_a_user_has_registered_are_shown(tmp_path, monkeypatch, capsy
     ],
     ids=repr,
 )
-def test_wrong_arguments_are_repeated_but_not_obeyed(tmp_path, monkeypatch, capsys, words):
+def test_wrong_arguments_are_repeated_but_not_obeyed(tmp_path, monkeypatch, words, here):
     monkeypatch.chdir(tmp_path)
-    code, out, err = command(monkeypatch, capsys, *words)
+    code, out, err = here(*words)
     assert (code, out) == (2, "")
     assert obedient(err) == set()
     assert "\\x1b" in err
@@ -271,19 +257,19 @@ def test_wrong_arguments_are_repeated_but_not_obeyed(tmp_path, monkeypatch, caps
     ],
     ids=repr,
 )
-def test_an_error_is_one_line(tmp_path, monkeypatch, capsys, words, told):
+def test_an_error_is_one_line(tmp_path, monkeypatch, words, told, here):
     monkeypatch.chdir(tmp_path)
-    code, out, err = command(monkeypatch, capsys, *words)
+    code, out, err = here(*words)
     assert (code, out) == (2, "")
     assert len(err.splitlines()) == 1
     assert told in err
 
 
-def test_one_is_no_plural(tmp_path, monkeypatch, capsys):
+def test_one_is_no_plural(tmp_path, here):
     words = ("--filter", "none", "--human", "none", "--policy", "hold", "--seconds", "0.1")
     for episodes, told in (("1", ": 1 episode, 95 %"), ("2", ": 2 episodes, 95 %")):
         again = (*words, "--out", tmp_path / episodes, "--episodes", episodes)
-        code, out, err = command(monkeypatch, capsys, "evaluate", *again)
+        code, out, err = here("evaluate", *again)
         assert code == 0, err
         assert told in out
         assert "" not in err.splitlines()
@@ -317,9 +303,9 @@ def test_pages_show_names():
     ],
     ids=" ".join,
 )
-def test_an_option_given_twice_is_refused(tmp_path, monkeypatch, capsys, words):
+def test_an_option_given_twice_is_refused(tmp_path, monkeypatch, words, here):
     monkeypatch.chdir(tmp_path)
-    code, out, err = command(monkeypatch, capsys, *words)
+    code, out, err = here(*words)
     assert (code, out) == (2, "")
     (line,) = err.splitlines()
     assert "is given twice" in line
