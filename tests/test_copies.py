@@ -272,6 +272,7 @@ print(repr(go_on(env, policy, observation, 30)))
 """
 
 
+@pytest.mark.long
 def test_what_was_pickled_goes_on_in_another_process(tmp_path) -> None:
     env = JSSAShield(close_by(dynamics="servo"))
     policy = Push(env)
@@ -317,6 +318,7 @@ def test_a_wrapper_goes_on(build, duplicate) -> None:
     assert shared(env) == set()
 
 
+@pytest.mark.long
 def test_every_wrapper_is_among_them() -> None:
     found = set()
     for module in pkgutil.walk_packages(jssa_gym.__path__, "jssa_gym."):

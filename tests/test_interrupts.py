@@ -75,6 +75,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("jobs", "times"), [(1, 2), (2, 1), (2, 2)])
 def test_an_interrupt_ends_work_at_once_and_keeps_what_was_finished(tmp_path, jobs, times):
     (tmp_path / "work.py").write_text(WORK)
@@ -91,6 +92,7 @@ def test_an_interrupt_ends_work_at_once_and_keeps_what_was_finished(tmp_path, jo
     assert "Traceback" not in err or times == 2
 
 
+@pytest.mark.long
 def test_a_command_that_is_interrupted_twice_goes_on_from_what_it_played(tmp_path):
     options = ("--episodes", "3000", "--filter", "none", "--human", "none", "--policy", "hold", "--jobs", "2")
     process = start("-m", "jssa_gym", "evaluate", *options, "--seconds", "1", "--out", str(tmp_path / "out"))
@@ -119,6 +121,7 @@ def test_a_command_that_is_interrupted_twice_goes_on_from_what_it_played(tmp_pat
     assert seen == [played, played + 10]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_errors_come_out_of_workers_and_keep_what_was_finished(jobs):
     kept = []
@@ -129,6 +132,7 @@ def test_errors_come_out_of_workers_and_keep_what_was_finished(jobs):
         run(picklable.failing_to_tell, [1], jobs, kept.extend)
 
 
+@pytest.mark.long
 def test_a_worker_that_ends_by_itself_was_not_killed():
     with pytest.raises(WorkerError, match=r"ended by itself; what had ended .* is kept"):
         run(picklable.leaving, [1], 2, id)
@@ -185,6 +189,7 @@ def test_one_that_somebody_swallows_is_asked_for_again_of_workers(listening, mon
     assert len(waits) == 2
 
 
+@pytest.mark.long
 def test_what_was_sent_and_not_read_is_kept(listening, tmp_path):
     seen = []
 
@@ -281,6 +286,7 @@ SCRIPT = 'import jssa_gym\njssa_gym.evaluate("jssa_gym/Home-v0", "hold", 2, step
 GUARD = 'if __name__ == "__main__"'
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stdin", [False, True])
 def test_a_script_without_a_main_guard_is_told_of_it(tmp_path, stdin):
     (tmp_path / "script.py").write_text(SCRIPT)
@@ -293,6 +299,7 @@ def test_a_script_without_a_main_guard_is_told_of_it(tmp_path, stdin):
     assert "memory" not in err
 
 
+@pytest.mark.long
 def test_what_only_a_prompt_knows_is_asked_for_in_a_module():
     code = """
         import jssa_gym, numpy as np

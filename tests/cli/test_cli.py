@@ -36,6 +36,7 @@ def check_metrics(path):
     return summaries
 
 
+@pytest.mark.long
 def test_demo_writes_its_files_and_prints_a_table(tmp_path):
     run = cli(*SHORT, "--no-video", "--out", tmp_path / "deep" / "out")
     assert run.returncode == 0, run.stderr
@@ -49,6 +50,7 @@ def test_demo_writes_its_files_and_prints_a_table(tmp_path):
     assert "profile.png" in run.stderr
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_demo_films_and_prints_json(tmp_path):
     av = pytest.importorskip("av", reason="PyAV is not installed")
@@ -173,6 +175,7 @@ def test_the_module_runs_as_a_command():
     assert "jobs" in one_line(run)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("missing", "arguments"),
     [("matplotlib", (*SHORT, "--no-video")), pytest.param("av", SHORT, marks=pytest.mark.gl)],
@@ -279,6 +282,7 @@ def test_a_profile_has_five_panels_a_trace_and_shades_interventions(robot):
     np.testing.assert_allclose([line.get_ydata() for line in jerks], (trace.jerk / robot.limits.jerk).T)
 
 
+@pytest.mark.long
 def test_bench_measures_everything_and_agrees_with_mujoco():
     """One round; that the distances agree with MuJoCo's is checked by the command itself."""
     run = subprocess.run(
@@ -323,6 +327,7 @@ def test_bench_says_why_cbfpy_is_missing(monkeypatch, capsys, tmp_path, installe
     assert ("times of another" in out) == (said == "")
 
 
+@pytest.mark.long
 def test_stress_counts_and_the_same_command_adds_nothing(tmp_path, here):
     command = ("stress", "--seconds", "0.4", "--by", "filter", "human", "--out", tmp_path / "out")
     runs = [run(*command, "--json") for run in (cli, here)]

@@ -229,6 +229,7 @@ def test_replay_draws(folder, tmp_path):
     assert (tmp_path / "deep" / "out" / "profile.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_replay_films_beside_the_recording(folder):
     av = pytest.importorskip("av", reason="PyAV is not installed")

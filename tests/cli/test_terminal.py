@@ -105,6 +105,7 @@ def test_errors_warnings_and_log_lines_are_shown(capsys):
     assert logging.lastResort.formatter is None
 
 
+@pytest.mark.long
 def test_workers_show_what_they_say(capfd):
     run(picklable.saying, [HOSTILE.replace("\ud800", "")], 2, id)
     err = capfd.readouterr().err
@@ -355,6 +356,7 @@ def test_columns_stay_columns_where_a_look_alike_is_longer(monkeypatch):
     assert len({len(line) for line in lines}) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
 def test_a_command_in_another_encoding(tmp_path, encoding):
     words = ("evaluate", "--filter", "none", "--human", "none", "--episodes", "1", "--seconds", "0.2", "--out", "é")
@@ -379,12 +381,14 @@ def version_to(stream):
     return run.returncode, run.stderr
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")
 def test_an_output_that_is_full_is_one_line():
     with Path("/dev/full").open("w") as full:
         assert version_to(full) == (2, "jssa-gym: No space left on device\n")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of another kind")
 def test_a_reader_who_leaves_is_told_nothing():
     reader, writer = os.pipe()

@@ -56,6 +56,7 @@ def test_bad_input_is_one_line(arguments, says, tmp_path, here):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("blocked", [("torch",), ("stable_baselines3",)])
 def test_without_the_extra_it_says_what_to_install(blocked, tmp_path):
     run = cli("train", "--no-video", "--out", tmp_path / "out", before=WITHOUT.format(blocked=blocked))
@@ -74,6 +75,7 @@ def test_films_are_asked_for_before_the_training_not_after(tmp_path, monkeypatch
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_a_folder_that_cannot_be_one_is_one_line(tmp_path, here):
     pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
     (tmp_path / "file").write_text("in the way")
@@ -143,6 +145,7 @@ def trained(tmp_path_factory):
     return folder, cli(*TINY, "--no-video", "--json", "--out", folder)
 
 
+@pytest.mark.long
 def test_from_one_command_to_a_policy(trained):
     folder, run = trained
     assert run.returncode == 0, run.stderr
@@ -156,6 +159,7 @@ def test_from_one_command_to_a_policy(trained):
     assert policy.provenance["command"].startswith("jssa-gym train --algorithm ppo --steps 128")
 
 
+@pytest.mark.long
 def test_the_same_command_again_tells_the_same(trained, here):
     folder, first = trained
     run = here(*TINY, "--no-video", "--json", "--out", folder)
@@ -164,12 +168,14 @@ def test_the_same_command_again_tells_the_same(trained, here):
     assert "going on from 128 policy steps" in run.stderr
 
 
+@pytest.mark.long
 def test_another_training_in_its_folder_is_one_line(trained, here):
     folder, _ = trained
     run = here(*TINY, "--no-video", "--out", folder, "--seed", "5")
     assert "holds another training" in one_line(run)
 
 
+@pytest.mark.long
 def test_its_policy_is_evaluated_by_the_line_that_it_prints(trained, tmp_path, here):
     folder, _ = trained
     run = here(*TINY, "--no-video", "--out", folder)
@@ -183,6 +189,7 @@ def test_its_policy_is_evaluated_by_the_line_that_it_prints(trained, tmp_path, h
     assert "success_rate" in run.stdout
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_it_films_the_best_policy(trained, here):
     av = pytest.importorskip("av", reason="PyAV is not installed")
@@ -193,6 +200,7 @@ def test_it_films_the_best_policy(trained, here):
         assert sum(1 for _ in film.decode(video=0)) >= 10
 
 
+@pytest.mark.long
 def test_ctrl_c_says_how_to_go_on(tmp_path):
     pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
     script = "import sys\nsys.argv[0] = 'jssa-gym'\nfrom jssa_gym.cli import main\nmain()"

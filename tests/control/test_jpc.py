@@ -447,6 +447,7 @@ def test_rounding_of_actions_is_no_interference():
 HAPPENINGS = st.sampled_from(["go", "go", "go", "push", "answer", "answer", "none", "old", "twice", "assign"])
 
 
+@pytest.mark.long
 @settings(max_examples=120)
 @given(st.lists(st.tuples(HAPPENINGS, st.integers(1, 25)), min_size=1, max_size=25))
 def test_whatever_happens_the_task_is_finished_once_it_ends(story):

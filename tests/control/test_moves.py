@@ -56,6 +56,7 @@ def test_no_move_on_the_grid_is_much_shorter(robot, distance):
         assert ticks <= 4 or not reachable((V, A, J), distance, ticks - 3)
 
 
+@pytest.mark.long
 def test_moves_keep_all_limits_and_end_together(robot):
     rng, limits = np.random.default_rng(0), robot.limits
     low, high = limits.position.T

@@ -26,6 +26,7 @@ def random_task(rng, limits, count, spread=0.15):
     return start, np.clip(start + np.cumsum(steps, axis=0), low, high)
 
 
+@pytest.mark.long
 def test_random_waypoints_within_all_limits(robot, request):
     run_random_waypoints(robot.limits, 250)
 
@@ -180,6 +181,7 @@ def test_the_programme_is_solved_to_the_optimum(robot, seed):
     assert float(ours @ ours) >= float(free @ free) * (1 - 1e-9)
 
 
+@pytest.mark.long
 def test_optimality_by_its_conditions(robot):
     """The gradient of the squared jerk is a combination of equalities and, with the right sign, of active limits."""
     rng, limits, bound = np.random.default_rng(3), robot.limits, 0
@@ -232,6 +234,7 @@ def test_a_tick_less_than_the_shortest_period_is_infeasible_for_a_linear_program
             assert found.success == feasible
 
 
+@pytest.mark.long
 def test_a_longer_period_is_never_refused(robot):
     rng, limits = np.random.default_rng(11), robot.limits
     for _ in range(6):

@@ -81,6 +81,7 @@ def test_a_right_environment_is_clean(toy_robot):
     assert jssa_gym.check_env is check_env
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("dynamics", ["kinematic", "servo"])
 def test_our_own_environments_are_clean(task, dynamics):

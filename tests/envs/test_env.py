@@ -107,6 +107,7 @@ def test_stable_baselines3_finds_nothing_to_complain_about(name):
     checker.check_env(gym.make(name))
 
 
+@pytest.mark.long
 def test_an_id_can_name_the_module_that_registers_it():
     script = (
         "import gymnasium; env = gymnasium.make('jssa_gym:jssa_gym/Home-v0'); env.reset(seed=0); print(env.spec.id)"
@@ -1164,6 +1165,7 @@ def test_a_picture_shows_arm_and_person():
     alone.close()
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_an_environment_that_nobody_closes_ends_quietly():
     """Renderers that the interpreter's end would find open are closed before the OpenGL backend is."""

@@ -118,6 +118,7 @@ def test_vectors_stack_numbers():
     vector.close()
 
 
+@pytest.mark.long
 def test_sb3_counts_successes():
     sb3 = pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
     env = gym.make("jssa_gym/Home-v0", human="none", max_episode_steps=20)

@@ -34,6 +34,7 @@ def run(script, gl):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gl", BROKEN)
 def test_without_opengl_all_but_drawing_works(gl):
     script = (
@@ -58,6 +59,7 @@ def test_without_opengl_all_but_drawing_works(gl):
     assert chosen == gl  # for processes that are started from here
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_an_empty_choice_is_none():
     if sys.platform != "linux":
@@ -108,6 +110,7 @@ def test_what_cannot_be_filmed_is_told_before_the_work(tmp_path, no_opengl, monk
     assert len(no_opengl) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["demo", "replay"])
 def test_a_run_that_films_nothing_does_not_look_for_opengl(tmp_path, no_opengl, name):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")

@@ -55,6 +55,7 @@ def put(env, position, velocity=0.0):
     return env.step(np.zeros(6))
 
 
+@pytest.mark.long
 def test_the_reference_followed_succeeds_when_it_is_over():
     env = track()
     for seed in range(3):
@@ -307,6 +308,7 @@ def test_the_hand_at_the_base_axis_leaves_a_goal():
     np.testing.assert_array_equal(Handover().follow(np.zeros(3), people), [0.0, 0.0, 1.3])
 
 
+@pytest.mark.long
 def test_the_point_is_a_tools_breadth_and_more_from_everybody():
     task = Handover()
     for seed in range(30):

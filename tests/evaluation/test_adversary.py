@@ -30,6 +30,7 @@ def test_without_the_verified_stop_the_search_finds_a_moving_contact_and_ends():
     assert len(found) <= 120
 
 
+@pytest.mark.long
 def test_the_full_shield_keeps_its_promise_and_the_search_climbs():
     seen = []
     found = search(

@@ -141,6 +141,7 @@ def test_stress_judges_the_whole(capsys, tmp_path, monkeypatch):
     Stress(filters=("none",), faults=("none",), out=tmp_path / "three", **options).run()
 
 
+@pytest.mark.long
 def test_demo_says_which_shield_and_fails(broken_jssa, capsys, tmp_path):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     fails(Demo(out=tmp_path, seconds=0.2, video=False))
@@ -162,6 +163,7 @@ def test_bench_says_which_times_and_fails(broken_jssa, capsys, monkeypatch):
     assert "env.step" in out
 
 
+@pytest.mark.long
 def test_reproduce_says_which_shields_and_fails(broken_jssa, capsys, monkeypatch, tmp_path):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     fails(Reproduce("fig6", out=tmp_path))
@@ -174,6 +176,7 @@ def test_reproduce_says_which_shields_and_fails(broken_jssa, capsys, monkeypatch
 # ---- trainings -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("interval", "steps"), [(64, 64), (65536, 400)])
 def test_a_training_ends_early_with_the_reason(broken_jssa, tmp_path, interval, steps):
     pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")

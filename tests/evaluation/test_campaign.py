@@ -112,6 +112,7 @@ def test_a_campaign_goes_on_after_a_crash_in_the_middle_of_a_line(finished, tmp_
     assert table.read_bytes() == whole
 
 
+@pytest.mark.long
 def test_two_processes_play_the_same_as_one(finished, tmp_path):
     ledger = Ledger(tmp_path / "two", TINY, Episode, "1")
     run(play, ledger.chunks(1), 2, ledger.append)
@@ -135,6 +136,7 @@ def test_a_folder_of_another_campaign_is_refused(finished, field):
     assert (finished[0] / "episodes.csv").read_bytes() == before
 
 
+@pytest.mark.long
 def test_a_killed_worker_is_one_line_that_says_how_to_go_on():
     with pytest.raises(WorkerError, match="same call goes on"):
         run(killed, range(3), 2, lambda _: None)
@@ -340,6 +342,7 @@ def test_a_missing_guard_shows_and_the_whole_shield_stands_the_same_episode(name
     assert first_broken("lag" if name == "no_lag" else "full", [episode.seed]) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", JOINTS)
 def test_wrong_joint_readings_break_a_shield_that_believes_them_and_not_the_whole_one(fault):
     def play(shield):

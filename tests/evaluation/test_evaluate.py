@@ -170,6 +170,7 @@ def test_one_shield_inside_another_is_refused():
         jssa_gym.evaluate("jssa_gym/ReachShielded-v0", "hold", 1, filter="jssa+stop", steps=5)
 
 
+@pytest.mark.long
 def test_filters_meet_the_same_people(finished):
     folder, reports = finished
     one, other = (next(r for r in reports if r.setting[:2] == ("reach", name)) for name in ("jssa+stop", "none"))
@@ -368,6 +369,7 @@ def test_actions_that_are_not_finite_are_counted_apart_from_other_faults():
 # ---- resumed, in parallel ----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_two_processes_count_the_same_as_one(finished, tmp_path):
     again = complete(TINY, tmp_path / "two", jobs=2, keep=2)
     for one, other in zip(finished[1], again, strict=True):
@@ -404,6 +406,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 def test_a_killed_study_goes_on(finished, tmp_path):
     script, folder = tmp_path / "run.py", tmp_path / "killed"
     script.write_text(KILLED)
@@ -503,6 +506,7 @@ def test_a_policy_whose_code_changed_does_not_continue_a_folder(tmp_path, monkey
             jssa_gym.evaluate(picklable.environment, policy, 1, steps=5, out=tmp_path / f"{policy}", keep=0)
 
 
+@pytest.mark.long
 def test_a_chunk_is_a_chunk_whoever_plays_it(tmp_path):
     plan, played = Single(picklable.environment, "wander", episodes=2, steps=20), []
     ledger = Ledger(tmp_path, plan, Scored, "1")

@@ -438,6 +438,7 @@ def test_pursuit_runs_as_it_is_told():
     assert np.ptp(roots(walk(Pursuit(), 0, steps=50, robot=nobody())), axis=0).max() == 0.0
 
 
+@pytest.mark.long
 def test_a_hand_touches_an_arm_held_in_reach_and_goes_back():
     right = list(PUBLISHED).index("right_arm")
     for seed in range(15):
@@ -487,6 +488,7 @@ def steered(seed, columns=2, **options):
     return Steered(np.random.default_rng(seed).uniform(-1.5, 1.5, (15, columns)), **options)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("columns", [2, 3])
 def test_the_steered_keeps_its_promises(columns):
     for seed in range(10):

@@ -178,6 +178,7 @@ def run(source: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env={**kept, **environment}, capture_output=True, text=True, check=True)
 
 
+@pytest.mark.long
 def test_a_cut_index_of_the_package_is_compiled_anew(tmp_path) -> None:
     cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
     assert run(TINY, **cache).stdout.startswith("compiled")
@@ -189,6 +190,7 @@ def test_a_cut_index_of_the_package_is_compiled_anew(tmp_path) -> None:
     assert run(TINY, **cache).stdout.startswith("cached")
 
 
+@pytest.mark.long
 def test_a_folder_of_somebody_elses_is_read(tmp_path) -> None:
     """All checks for whether it can be written to say no, as they do where it belongs to another user."""
     cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
@@ -205,6 +207,7 @@ tempfile.TemporaryFile = no
     assert answer.stderr == ""
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="homes of Windows are found otherwise")
 @pytest.mark.parametrize(
     ("before", "environment"), [(NO_HOME, {}), ("", {"HOME": "/dev/null/nowhere"})], ids=["no home", "no such home"]
@@ -235,6 +238,7 @@ def a_link(folder: Path) -> None:
     folder.symlink_to(folder.parent / "elsewhere")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="homes of Windows are found otherwise")
 @pytest.mark.parametrize("plant", [planted_by_another_user, open_to_all, a_link])
 def test_code_that_another_user_may_have_planted_is_never_run(tmp_path, plant) -> None:
@@ -245,6 +249,7 @@ def test_code_that_another_user_may_have_planted_is_never_run(tmp_path, plant) -
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
+@pytest.mark.long
 def test_the_command_runs_without_a_home(tmp_path) -> None:
     source = f"{NO_HOME}\nimport sys\nfrom jssa_gym.cli import main\nsys.argv = ['jssa-gym', '--version']\nmain()"
     try:

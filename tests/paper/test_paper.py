@@ -272,6 +272,7 @@ def run_command(monkeypatch, *arguments):
     main()
 
 
+@pytest.mark.long
 def test_reproduce_writes_a_picture_and_its_numbers(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     run_command(monkeypatch, "fig6", "--out", tmp_path / "deep" / "out")

@@ -659,6 +659,7 @@ class TestNames:
         policy.check(ArmEnv(policy.task))
         assert policy_file(name).stat().st_size < 2**20
 
+    @pytest.mark.long
     @pytest.mark.parametrize("name", shipped_policies())
     def test_every_shipped_policy_does_its_task_under_the_shield(self, name):
         task = jssa_gym.load_policy(name).task.capitalize()
@@ -735,6 +736,7 @@ class TestEvaluation:
         *ones, other = map(digests, reports)
         assert all(one == ones[0] != other for one in ones)
 
+    @pytest.mark.long
     def test_other_processes_read_the_file_by_themselves(self, saved, tmp_path):
         study = Study(("reach",), ("jssa+stop",), ("walk_by",), (str(saved),), episodes=2, steps=30)
         (here,), (there,) = (complete(study, tmp_path / f"{jobs}", jobs=jobs, keep=1) for jobs in (1, 2))
@@ -795,6 +797,7 @@ class TestEvaluation:
         assert len(trace_name(("reach", "none", "", "x" * 1000), 0)) < 150
         assert not any("/" in name for name in told)
 
+    @pytest.mark.long
     def test_the_demo_shows_a_policy_on_its_task(self, reach, saved, tmp_path):
         Demo(policy=str(saved), seconds=0.4, video=False, out=tmp_path / "demo").run()
         runs = json.loads((tmp_path / "demo" / "metrics.json").read_text())

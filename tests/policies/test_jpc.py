@@ -332,6 +332,7 @@ def run_resumed(seeds):
     return runs
 
 
+@pytest.mark.long
 def test_after_the_person_has_left_the_task_is_finished():
     run_resumed(range(20))
 

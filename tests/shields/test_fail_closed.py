@@ -362,17 +362,20 @@ def said(source: str, cache: Path | None = None) -> list[str]:
     return [ANNOUNCED if line.startswith(ANNOUNCED) else line for line in run.stderr.splitlines()]
 
 
+@pytest.mark.long
 def test_the_first_compilation_is_announced_by_whoever_needs_it(tmp_path) -> None:
     """Once a start, and again where more than that start compiled is needed later."""
     assert said(SHIELD_LATER, tmp_path) == ["bare", ANNOUNCED, "again", "shield", ANNOUNCED, "more shields"]
     assert said(SHIELD_LATER, tmp_path) == ["bare", "again", ANNOUNCED, "shield", "more shields"]
 
 
+@pytest.mark.long
 def test_a_compilation_is_announced_while_it_is_ahead(tmp_path) -> None:
     assert said(SMALL_KERNELS, tmp_path) == [ANNOUNCED, "called", "called", ANNOUNCED]
     assert said(SMALL_KERNELS, tmp_path) == ["called", ANNOUNCED, "called"]
 
 
+@pytest.mark.long
 def test_nothing_is_announced_once_all_is_cached() -> None:
     said(SHIELDED)
     assert said(SHIELDED) == []

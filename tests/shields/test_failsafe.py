@@ -965,6 +965,7 @@ def index_of_pair(scene, jerk, tau, i, j):
             radius + human.radius[j], INDEX, False)  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("recovery", [0.0, 0.2, 0.5, 1.0])
 def test_rows_ask_for_what_they_say_and_get_it(robot, random_scene, recovery, times):
     """Targets are max(0, phi_k - rho authority) of each pair, and kept by the arm's true motion."""
@@ -1057,6 +1058,7 @@ def digest(steps=1500):
     return out.hexdigest()
 
 
+@pytest.mark.long
 def test_runs_repeat_bit_for_bit_here_and_in_another_process():
     here = digest()
     assert digest() == here

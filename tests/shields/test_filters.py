@@ -115,6 +115,7 @@ def test_derivatives_are_those_of_the_motion(robot, random_scene):
 # ---- safe set algorithm -----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("V", [None, HEAVY], ids=["plain", "weighted"])
 def test_ssa_gives_the_nearest_acceleration_that_lets_the_index_fall(robot, random_scene, V):
     params, seen = SSAParams(), {}
@@ -184,6 +185,7 @@ def assert_nearest(decision, nominal, L, S, tolerance, V=None) -> None:
         np.testing.assert_allclose(decision.jerk, expected, atol=1e-2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("V", [None, HEAVY], ids=["plain", "weighted"])
 def test_cbf_keeps_what_its_poles_ask_for_in_every_pair(robot, random_scene, V):
     params = CBFParams(k1=0.7, k2=4.0, k3=12.0)

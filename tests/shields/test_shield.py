@@ -593,6 +593,7 @@ def test_kept_rows_keep_the_true_index(robot, random_scene, projector, factor):
                 assert authority(row(scene, decision.jerk, pair)) < 5.0 * 1.001
 
 
+@pytest.mark.long
 def test_relaxed_means_least_violation(robot, random_scene):
     chosen = JSSAFilter(robot, DT, min_authority=0.0, recovery=0.0)
     for scene, _, decision in statuses(chosen, random_scene, {Status.RELAXED: 2}, motion=0.25, seed=3):
@@ -603,6 +604,7 @@ def test_relaxed_means_least_violation(robot, random_scene):
         assert decision.slack == pytest.approx(worst, rel=1e-6)
 
 
+@pytest.mark.long
 def test_the_projected_jerk_is_the_nearest(robot, random_scene):
     chosen = JSSAFilter(robot, DT, min_authority=0.0, recovery=0.0)
     for scene, nominal, decision in statuses(chosen, random_scene, {Status.PROJECTED: 4}, motion=0.25, seed=4):
@@ -668,6 +670,7 @@ def test_weights_move_the_correction_to_the_light_joints(robot, random_scene, pr
     assert moved[1] < 0.5 * moved[0]
 
 
+@pytest.mark.long
 def test_a_full_weight_is_the_metric_of_the_projection(robot, random_scene):
     rng = np.random.default_rng(2)
     root = rng.normal(size=(6, 6))

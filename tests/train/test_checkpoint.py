@@ -212,6 +212,7 @@ DISK = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("where", DISK)
 def test_a_full_disk_is_said_and_earlier_checkpoints_stay(where, original, folder, monkeypatch):
     shutil.rmtree(newest(folder))

@@ -308,6 +308,7 @@ def test_a_history_that_ends_elsewhere_is_refused(folder, model):
         loop._restore(model, read_checkpoint(one))
 
 
+@pytest.mark.long
 def test_another_training_s_checkpoint_is_refused(folder, tmp_path):
     other = replace(CONFIG, seed=7)
     train(other, tmp_path / "other")

@@ -158,6 +158,7 @@ def test_steps_count_only_if_the_learning_rate_depends_on_them():
     assert replace(steady, steps=5).digest == steady.digest
 
 
+@pytest.mark.long
 def test_the_digest_is_the_same_in_another_process():
     code = "from jssa_gym.train import TrainConfig; print(TrainConfig().digest)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -228,6 +229,7 @@ def test_presets_are_what_they_say():
         assert config.shield
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("blocked", [("torch", "stable_baselines3"), ("torch",), ("stable_baselines3",)])
 def test_without_the_extra_a_training_can_be_described_but_not_run(blocked):
     code = WITHOUT.format(blocked=blocked) + (

@@ -72,6 +72,7 @@ def test_ppo_learns_through_the_shield():
     assert action in watch.action_space
 
 
+@pytest.mark.long
 def test_sac_learns_through_the_shield():
     watch = Watch(jssa_gym.JSSAShield(gym.make("jssa_gym/Reach-v0")))
     _, losses = learn(sb3.SAC, watch, learning_starts=100, train_freq=8, gradient_steps=1, batch_size=64)

@@ -70,6 +70,7 @@ def test_a_training_leaves_what_it_promises(tmp_path):
     assert (event.step, event.value) == (256, pytest.approx(leg.eval_return))
 
 
+@pytest.mark.long
 def test_a_leg_counts_every_episode_once_and_without_penalties(tmp_path, monkeypatch):
     ended = []
     real = Tally.take
@@ -204,6 +205,7 @@ def test_an_exported_policy_does_what_the_model_does(algorithm, control):
 # ---- learning ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_best_policy_is_the_one_with_the_best_evaluation(tmp_path):
     config = tiny(steps=256)
     training = train(config, tmp_path)
@@ -225,6 +227,7 @@ def gain(config, folder):
     return leg.eval_return - untrained.means["ep_return"].value, leg
 
 
+@pytest.mark.long
 def test_ppo_learns_to_reach(tmp_path):
     tuned = preset("reach", "ppo")
     # in a hurry: larger and more steps of the optimiser, which looks less far ahead

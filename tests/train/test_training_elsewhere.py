@@ -77,6 +77,7 @@ class Corridor(gym.Env):
         return np.full(1, self.t / 5.0, np.float32), reward, False, self.t == 5, {}
 
 
+@pytest.mark.long
 def test_it_learns_across_episodes_that_run_out_of_time(ppo, monkeypatch, capsys):
     def make_envs(args):
         # nothing of ours; the same wrappers and the same way of resetting
@@ -113,6 +114,7 @@ def test_what_follows_the_last_step_is_not_the_next_episode(ppo, monkeypatch):
     assert following.tolist() == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0] * 2)
 
 
+@pytest.mark.long
 def test_it_trains_inside_the_shield_and_the_same_seed_gives_the_same_bits(ppo, tmp_path, capsys):
     import jssa_gym
 
@@ -165,6 +167,7 @@ print(info["shield/status"])
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("script", [BY_IMPORT, BY_NAME], ids=["by import", "by name"])
 def test_a_framework_that_knows_the_name_alone_gets_the_shielded_environment(script):
     run = subprocess.run([sys.executable, "-c", script + STEPS], capture_output=True, text=True, check=False)

@@ -45,6 +45,7 @@ def cut_off_at(steps):
 # ---- resumed -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3", "tqc"])
 def test_a_training_that_was_interrupted_goes_on_to_the_bit(algorithm, tmp_path):
     if algorithm == "tqc":
@@ -75,6 +76,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(tmp_path):
     assert results(tmp_path / "a")["files"] != results(tmp_path / "c")["files"]
 
 
+@pytest.mark.long
 def test_processes_give_the_same_bits(tmp_path):
     config = tiny(steps=64)
     train(config, tmp_path / "one")
@@ -82,6 +84,7 @@ def test_processes_give_the_same_bits(tmp_path):
     assert results(tmp_path / "one") == results(tmp_path / "many")
 
 
+@pytest.mark.long
 def test_a_training_that_has_ended_is_read_not_repeated_and_goes_on_with_more_steps(tmp_path):
     config = tiny(steps=128, settings=replace(tiny().settings, decay=False))
     first = train(config, tmp_path)
@@ -139,6 +142,7 @@ def test_a_best_policy_that_is_gone_is_not_replaced_in_silence(tmp_path):
     assert training.policy.provenance["steps"] == 64
 
 
+@pytest.mark.long
 def test_the_learning_rate_falls_over_the_whole_training_not_in_every_leg(tmp_path, monkeypatch):
     rates = []
     real = loop._leg
@@ -202,6 +206,7 @@ def killed_after(process, stop) -> tuple[int, int, bool]:
     return began, got, False
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("algorithm", ["sac"])
 def test_a_training_that_was_killed_loses_at_most_one_leg(algorithm, tmp_path):
     config = tiny(algorithm)

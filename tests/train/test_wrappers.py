@@ -233,6 +233,7 @@ def test_an_executed_action_would_have_done_the_same():
     free.close()
 
 
+@pytest.mark.long
 def test_the_replay_buffer_gets_executed_actions():
     torch = pytest.importorskip("torch", reason="torch is not installed")
     pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
