@@ -12,6 +12,7 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+from places import LASTING
 
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.sensor import SensorModel
@@ -90,7 +91,7 @@ def killed(number: int) -> Iterator[int]:
 def lasting(number: int) -> Iterator[int]:
     """Work that says who does it and takes longer than any test."""
     print(os.getpid(), flush=True)
-    time.sleep(600.0)
+    time.sleep(LASTING)
     yield number
 
 
@@ -98,7 +99,7 @@ def one_then_lasting(number: int) -> Iterator[int]:
     """Work whose first piece is finished at once, and whose second takes longer than any test."""
     yield number
     print("begun", number, flush=True)
-    time.sleep(600.0)
+    time.sleep(LASTING)
     yield number
 
 
@@ -185,7 +186,7 @@ def relay(chunk: tuple[str, Path]) -> Iterator[str | int]:
     wait_for(folder / "go")
     yield from range(3)
     (folder / "sent").touch()
-    time.sleep(600.0)
+    time.sleep(LASTING)
 
 
 def wait_for(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Where the tests are, and how other processes import what they share."""
+"""Where the tests are, and what those of other processes share."""
 
 import os
 from pathlib import Path
@@ -6,6 +6,11 @@ from pathlib import Path
 TESTS = Path(__file__).parent
 ROOT = TESTS.parent
 DOCS = ROOT / "docs"
+
+PATIENCE = 1500.0
+"""For another process to do what it shall [s]: longer than any machine takes, less than pytest waits for the test."""
+LASTING = 7200.0
+"""What a process does all this time is not over before somebody has lost their patience [s]."""
 
 
 def environment(*folders: Path) -> dict[str, str]:

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import picklable
 import pytest
-from places import environment
+from places import PATIENCE, environment
 
 import jssa_gym.cli
 from jssa_gym.cli import compare, evaluate, stress
@@ -20,9 +20,6 @@ from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError
-
-PATIENCE = 300.0
-"""For a process to end [s]: much less than its work would take."""
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals of this kind")
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import pytest
 from commands import WITHOUT, cli, one_line
+from places import PATIENCE
 
 from jssa_gym import plots
 from jssa_gym.cli.train import Train
@@ -218,7 +219,7 @@ def test_ctrl_c_says_how_to_go_on(tmp_path):
         while process.poll() is None and not (tmp_path / "history.csv").exists():
             time.sleep(0.1)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=600)
+        out, err = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
     assert process.returncode == 130, err

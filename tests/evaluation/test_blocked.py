@@ -192,6 +192,7 @@ def test_a_training_ends_early_with_the_reason(broken_jssa, tmp_path, interval, 
     assert not (tmp_path / "best.npz").exists()
 
 
+@pytest.mark.long
 def test_a_training_without_a_shield_cannot_be_blocked(broken_jssa, tmp_path):
     pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
     from trainings import tiny

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from picklable import killed
-from places import environment
+from places import PATIENCE, environment
 
 from jssa_gym import plots
 from jssa_gym.cli.stress import Stress, _curves
@@ -142,6 +142,7 @@ def test_a_killed_worker_is_one_line_that_says_how_to_go_on():
         run(killed, range(3), 2, lambda _: None)
 
 
+@pytest.mark.long
 def test_workers_end_with_a_parent_that_was_killed():
     code = "from picklable import lasting; from jssa_gym.evaluation.workers import run; run(lasting, range(2), 2, id)"
     with subprocess.Popen([sys.executable, "-c", code], env=environment(), stdout=subprocess.PIPE, text=True) as parent:
@@ -149,7 +150,7 @@ def test_workers_end_with_a_parent_that_was_killed():
         try:
             parent.kill()
             # they hold the pipe's other end: it is closed when the last of them is gone
-            parent.communicate(timeout=300.0)
+            parent.communicate(timeout=PATIENCE)
         finally:
             for worker in workers:
                 with contextlib.suppress(ProcessLookupError):

@@ -20,7 +20,7 @@ import numpy as np
 import picklable
 import pytest
 from picklable import TINY
-from places import DOCS, environment
+from places import DOCS, PATIENCE, environment
 from scipy import stats
 
 import jssa_gym
@@ -413,7 +413,7 @@ def test_a_killed_study_goes_on(finished, tmp_path):
     process = subprocess.Popen([sys.executable, str(script), str(folder)], env=environment(), start_new_session=True)
     try:
         table = folder / "episodes.csv"
-        deadline = time.monotonic() + 1200.0
+        deadline = time.monotonic() + PATIENCE
         while not (table.exists() and table.read_bytes().count(b"\n") >= 3):
             assert process.poll() is None, "it ended before it was killed"
             assert time.monotonic() < deadline

@@ -207,6 +207,7 @@ def test_a_refused_start_changes_nothing(somebody):
         np.testing.assert_array_equal(motion.step(DT, nobody()).start, twin.step(DT, nobody()).start)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dt", [0.001, 0.008, 0.013, 0.1])
 def test_promises_hold_for_other_steps_too(somebody, dt):
     motion = HUMANS[somebody]()

@@ -266,6 +266,7 @@ def rows_nearly_twice(rng):
     return np.clip(rng.uniform(-upper, upper), lower, upper), L, S, lower, upper
 
 
+@pytest.mark.long
 def test_rows_that_nearly_repeat_each_other_are_solved(times):
     """Here rounding undoes what the active set has found: a solution has to come out all the same."""
     rng, hard = np.random.default_rng(0), 0

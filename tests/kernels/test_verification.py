@@ -330,6 +330,7 @@ def test_a_touch_is_let_pass_only_below_its_speed(robot, times):
     assert gained > 2 * times
 
 
+@pytest.mark.long
 def test_verdicts_about_the_arm_itself_agree_with_the_sampled_motion(robot, times):
     rng = np.random.default_rng(11)
     safe = unsafe = 0
@@ -354,6 +355,7 @@ def test_verdicts_about_the_arm_itself_agree_with_the_sampled_motion(robot, time
     assert unsafe > 20 * times
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("joint", [2, 4])
 def test_a_single_joint_that_swings_the_arm_at_itself_is_seen(robot, joint):
     """Fold the arm until the swing of one joint alone just meets it: met before, missed after."""
@@ -415,6 +417,7 @@ def swings(robot, rng, count):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arm", ["lr_mate", "toy", "long tool"])
 def test_levers_bound_every_joints_swing_and_not_by_much(robot, toy_robot, arm, times):
     if arm == "toy":
@@ -734,6 +737,7 @@ def test_the_choice_is_the_first_that_is_verified(robot, times):
     assert min(seen) >= 3
 
 
+@pytest.mark.long
 def test_a_faster_person_never_gets_more_let_through(robot, times):
     rng = np.random.default_rng(13)
     seen = set()

@@ -124,6 +124,7 @@ def drive(told, name="jssa", human="pursuit", seed=0, steps=500, params=None, wr
     return seen, shield
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["jssa", "stop"])
 @pytest.mark.parametrize("what", HANGS)
 def test_no_reading_moves_the_arm_into_anybody(what, name, caplog):

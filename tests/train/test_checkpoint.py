@@ -164,6 +164,7 @@ SPOILT = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", SPOILT)
 def test_a_training_goes_on_from_the_one_before_and_says_so(how, original, folder):
     SPOILT[how](newest(folder))

@@ -169,6 +169,7 @@ def test_what_is_evaluated_during_a_training_is_what_is_trained(shield, tmp_path
 # ---- the policy --------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("control", ["jerk", "velocity", "position"])
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3", "tqc"])
 def test_an_exported_policy_does_what_the_model_does(algorithm, control):
