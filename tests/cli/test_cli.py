@@ -52,9 +52,9 @@ def test_demo_writes_its_files_and_prints_a_table(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.gl
-def test_demo_films_and_prints_json(tmp_path):
+def test_demo_films_and_prints_json(tmp_path, here):
     av = pytest.importorskip("av", reason="PyAV is not installed")
-    run = cli(*SHORT, "--json", "--out", tmp_path)
+    run = here(*SHORT, "--json", "--out", tmp_path)
     assert run.returncode == 0, run.stderr
     assert json.loads(run.stdout) == check_metrics(tmp_path / "metrics.json")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["metrics.json", "profile.png", "side_by_side.mp4"]
@@ -175,15 +175,13 @@ def test_the_module_runs_as_a_command():
     assert "jobs" in one_line(run)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("missing", "arguments"),
     [("matplotlib", (*SHORT, "--no-video")), pytest.param("av", SHORT, marks=pytest.mark.gl)],
 )
-def test_a_missing_extra_is_named(tmp_path, missing, arguments):
-    before = f"import sys; sys.modules[{missing!r}] = None"
-    line = one_line(cli(*arguments, "--out", tmp_path, before=before))
-    assert "'jssa-gym[plots]'" in line
+def test_a_missing_extra_is_named(tmp_path, here, monkeypatch, missing, arguments):
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert "'jssa-gym[plots]'" in one_line(here(*arguments, "--out", tmp_path))
 
 
 @pytest.mark.parametrize("missing", ["matplotlib", "av"])
@@ -282,15 +280,10 @@ def test_a_profile_has_five_panels_a_trace_and_shades_interventions(robot):
     np.testing.assert_allclose([line.get_ydata() for line in jerks], (trace.jerk / robot.limits.jerk).T)
 
 
-@pytest.mark.long
-def test_bench_measures_everything_and_agrees_with_mujoco():
+def test_bench_measures_everything_and_agrees_with_mujoco(here):
     """One round; that the distances agree with MuJoCo's is checked by the command itself."""
-    run = subprocess.run(
-        [sys.executable, "-m", "jssa_gym", "bench", "--rounds", "1", "--no-compile", "--json"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    run = here("bench", "--rounds", "1", "--no-compile", "--json")
+    assert run.returncode == 0, run.stderr
     timings = json.loads(run.stdout[run.stdout.index("{") :])["timings"]
     names = " ".join(timing["name"] for timing in timings)
     for word in ("filter.decide", "osqp", "env.step, shielded", "mj_geomDistance", "projection alone"):
