@@ -1,5 +1,6 @@
 """Stops on the time grid: they end at rest, soon, and what is said of them in between is true (T4)."""
 
+import functools
 import math
 
 import numpy as np
@@ -33,6 +34,10 @@ def times(request):
     return request.param
 
 
+described = functools.cache(lr_mate_200id_7l)
+"""An arm's file takes longer to read than most of these tests."""
+
+
 def moving(rng, count):
     """States (3, count) of joints within their velocity and acceleration limits, and the limits (5, count).
 
@@ -41,7 +46,7 @@ def moving(rng, count):
     """
     columns = []
     for name in ("paper", "stream"):
-        limit = lr_mate_200id_7l(name).limits
+        limit = described(name).limits
         columns.append(np.array([*limit.position.T, limit.velocity, limit.acceleration, limit.jerk]))
     bounds = np.hstack(columns)[:, rng.integers(0, 12, count)]
     bounds[2:] *= rng.uniform(0.1, 1.0, (3, count))

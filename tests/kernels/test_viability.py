@@ -1,5 +1,7 @@
 """The jerk interval and the recursion on it: limits are kept against any policy, for ever (T3)."""
 
+import functools
+
 import numpy as np
 import pytest
 from numba import config
@@ -23,8 +25,12 @@ def times(request):
     return request.param
 
 
+described = functools.cache(lr_mate_200id_7l)
+"""An arm's file takes longer to read than the arm to simulate."""
+
+
 def arm_limits(name):
-    limit = lr_mate_200id_7l(name).limits
+    limit = described(name).limits
     return np.array([*limit.position.T, limit.velocity, limit.acceleration, limit.jerk])
 
 
@@ -125,7 +131,6 @@ def simulate(seed, arms, ticks, group):
     return worst, tails / (n / len(ADVERSARIES) * ticks), reached
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("group", [1, 6])
 def test_limits_are_kept_against_any_policy(group, times):
     """The theorem's core: verify the chosen jerk, else follow the stored stop; nothing is ever exceeded.
@@ -139,7 +144,6 @@ def test_limits_are_kept_against_any_policy(group, times):
         assert np.all(tails <= 0.003 * group), dict(zip(ADVERSARIES, tails, strict=True))
 
 
-@pytest.mark.long
 def test_the_limits_are_used():
     """Joints that are driven to their limits get there: the shield is not safe by being timid."""
     _, _, reached = simulate(7, 5 if config.DISABLE_JIT else 20, 1000, 1)
@@ -160,7 +164,6 @@ def simulate_alone(bounds):
     return reached
 
 
-@pytest.mark.long
 def test_without_the_interval_and_the_stop_limits_are_exceeded():
     """The same policies, unshielded: the recursion test would notice."""
     rng = np.random.default_rng(3)
@@ -198,7 +201,6 @@ def recoverable(state, jerk, bounds, tolerance=1e-9):
     )
 
 
-@pytest.mark.long
 def test_the_interval_is_what_can_be_recovered_from():
     """Its ends are recoverable, nearly all of its inside is, and nearly nothing outside is."""
     rng = np.random.default_rng(5)
