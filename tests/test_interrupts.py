@@ -16,8 +16,8 @@ import pytest
 import jssa_gym.cli
 from jssa_gym.cli import compare, evaluate, stress
 from jssa_gym.evaluation import workers
-from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.runner import complete
+from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError
 

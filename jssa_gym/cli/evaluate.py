@@ -17,11 +17,11 @@ from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT, MOVING
 from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.slowdown import slowdown
 from jssa_gym.evaluation.statistics import short
+from jssa_gym.evaluation.study import Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.text import counted
 

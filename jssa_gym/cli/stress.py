@@ -18,8 +18,9 @@ from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import contender
-from jssa_gym.evaluation.episodes import Episode, play
 from jssa_gym.evaluation.ledger import Ledger, package_version
+from jssa_gym.evaluation.play import play
+from jssa_gym.evaluation.rows import StressRow
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.evaluation.tally import Tally, tally
 from jssa_gym.evaluation.workers import run
@@ -79,7 +80,7 @@ class Stress:
         preset = "degradation" if self.degradation else self.preset
         if preset == "degradation":
             plots.require()
-        ledger = Ledger(self.out, self._campaign(preset), Episode, package_version())
+        ledger = Ledger(self.out, self._campaign(preset), package_version())
         console = Terminal(stderr=True)
         try:
             self._play(ledger, jobs, console)
@@ -118,13 +119,13 @@ class Stress:
         grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
         return Campaign(grids, self.task, round(self.seconds / DT), self.seed, self.judge)
 
-    def _play(self, ledger: Ledger[Campaign, Episode], jobs: int, console: Terminal) -> None:
+    def _play(self, ledger: Ledger[StressRow], jobs: int, console: Terminal) -> None:
         chunks = ledger.chunks(_CHUNK)
         left, moving = sum(len(chunk.seeds) for chunk in chunks), 0
         with episodes_bar(console) as progress:
             task = progress.add_task("episodes", total=left + len(ledger.episodes), completed=len(ledger.episodes))
 
-            def done(episodes: list[Episode]) -> None:
+            def done(episodes: list[StressRow]) -> None:
                 nonlocal moving
                 ledger.append(episodes)
                 ledger.keep_worst([e for e in ledger.episodes if e.broken and e.judged], self.keep)
@@ -134,7 +135,7 @@ class Stress:
             run(play, chunks, jobs, done)
 
 
-def _blocked(episodes: Sequence[Episode]) -> str:
+def _blocked(episodes: Sequence[StressRow]) -> str:
     """Why every decision of the whole campaign was a FAULT; empty if not every one was: some faults are to hold it."""
     guarded = [episode for episode in episodes if episode.filter != "none"]
     return commonest(e.first_fault for e in guarded) if all(e.faulty == e.steps for e in guarded) else ""
@@ -145,9 +146,7 @@ def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
     return {**dict(zip(by, values.pop("group"), strict=True)), **values}
 
 
-def _show(
-    rows: Sequence[Tally], by: Sequence[str], broken: Sequence[Episode], ledger: Ledger[Campaign, Episode]
-) -> None:
+def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow], ledger: Ledger[StressRow]) -> None:
     console = Terminal(width=140)
     happened = Table(
         title=f"{counted(len(ledger.episodes), 'episode')} of {ledger.plan.steps * DT:g} s, 95 % intervals"
@@ -191,10 +190,10 @@ def _show(
         )
 
 
-def _curves(episodes: Sequence[Episode]) -> tuple[plots.Curve, plots.Curve]:
+def _curves(episodes: Sequence[StressRow]) -> tuple[plots.Curve, plots.Curve]:
     """By the people's speed and by the delay that nobody reports."""
 
-    def curve(points: dict[float, list[Episode]]) -> plots.Curve:
+    def curve(points: dict[float, list[StressRow]]) -> plots.Curve:
         levels = sorted(points)
         rates = [Rate.of(sum(e.touched_moving for e in points[x]), len(points[x])) for x in levels]
         speeds = [[max(e.contact_speed, e.judged_speed) for e in points[x]] for x in levels]
@@ -202,8 +201,8 @@ def _curves(episodes: Sequence[Episode]) -> tuple[plots.Curve, plots.Curve]:
             levels, [r.value for r in rates], [r.low for r in rates], [r.high for r in rates], [max(s) for s in speeds]
         )
 
-    fast: dict[float, list[Episode]] = {}
-    late: dict[float, list[Episode]] = {}
+    fast: dict[float, list[StressRow]] = {}
+    late: dict[float, list[StressRow]] = {}
     for episode in episodes:
         if " x" in episode.human:
             fast.setdefault(float(episode.human.split(" x")[1]), []).append(episode)

@@ -1,11 +1,10 @@
 """Episodes, what they recorded, numbers about them, and a second judge."""
 
-from jssa_gym.evaluation.filters import put_filter
 from jssa_gym.evaluation.geometry import Geometry, geometry
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.judgement import Contact, Excess, Judgement, Overlap
 from jssa_gym.evaluation.metrics import SeparationParams, Summary, summarise
-from jssa_gym.evaluation.plans import Study, make_policy
+from jssa_gym.evaluation.policy import make_policy
 from jssa_gym.evaluation.record import RecordSafety
 from jssa_gym.evaluation.report import Report
 from jssa_gym.evaluation.rollout import rollout
@@ -22,6 +21,7 @@ from jssa_gym.evaluation.statistics import (
     paired_difference,
 )
 from jssa_gym.evaluation.steps import StepSummary
+from jssa_gym.evaluation.study import Study, put_filter
 from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace
 
 __all__ = [

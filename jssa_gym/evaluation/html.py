@@ -10,10 +10,10 @@ import numpy as np
 
 from jssa_gym.evaluation.leaderboard import PAIRED_MEANS, PAIRED_RATES, Standing, profile, standings
 from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.evaluation.plans import Study
-from jssa_gym.evaluation.play import Scored
 from jssa_gym.evaluation.report import METRICS, Report, column
+from jssa_gym.evaluation.rows import EvaluationRow
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
+from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.svg import Panel, colour, dashes, escape, marker
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
@@ -241,7 +241,7 @@ def _worst(reports: Sequence[Report], folder: Path) -> str:
     return _table(titles, rows, text=4) + note
 
 
-def _told(episode: Scored) -> list[str]:
+def _told(episode: EvaluationRow) -> list[str]:
     summary = episode.summary
     return [str(episode.seed), f"{summary.contact_speed:.3g} m/s", f"{summary.min_distance:.3g} m"]
 

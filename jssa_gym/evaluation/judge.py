@@ -90,7 +90,7 @@ def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: floa
         contacts=tuple(sorted(contacts, key=lambda contact: contact.start)),
         self_collisions=self_collisions,
         plane_collisions=plane_collisions,
-        excess=_excess(motion.state, trace.jerk, robot.limits),
+        excess=Excess.of(motion.state, trace.jerk, robot.limits),
         tolerance=tolerance,
     )
 
@@ -194,14 +194,3 @@ def _spans(distance: Array) -> list[slice]:
 
 def _overlap(one: str, other: str, time: Array, distance: Array) -> tuple[str, str, float, float, float]:
     return one, other, float(time[0]), float(time[-1]), float(-distance.min())
-
-
-def _excess(state: Array, jerk: Array, limits: JointLimits) -> Excess:
-    low, high = limits.position.T
-    beyond = np.maximum(state[:, 0] - high, low - state[:, 0]) / (high - low)
-    return Excess(
-        float(beyond.max()),
-        float((np.abs(state[:, 1]) / limits.velocity).max() - 1.0),
-        float((np.abs(state[:, 2]) / limits.acceleration).max() - 1.0),
-        float((np.abs(jerk) / limits.jerk).max() - 1.0),
-    )

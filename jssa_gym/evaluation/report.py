@@ -12,8 +12,7 @@ import numpy as np
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.definitions import Metric, metrics_of
 from jssa_gym.evaluation.metrics import Summary
-from jssa_gym.evaluation.plans import Setting
-from jssa_gym.evaluation.play import Scored
+from jssa_gym.evaluation.rows import EvaluationRow, Setting
 from jssa_gym.evaluation.statistics import Mean, Rate, means
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
@@ -28,7 +27,7 @@ class Report:
     """Episodes of one setting: rates with Clopper-Pearson, means with bootstrap 95 % intervals."""
 
     setting: Setting
-    episodes: tuple[Scored, ...]
+    episodes: tuple[EvaluationRow, ...]
     """In the order of settings and seeds."""
     rates: dict[str, Rate]
     """Of the yes-or-no metrics, by :attr:`~jssa_gym.evaluation.definitions.Metric.over_episodes`."""
@@ -40,7 +39,7 @@ class Report:
     """Seeds among them that went otherwise when they were played again: something draws without a seed."""
 
     @classmethod
-    def of(cls, episodes: Sequence[Scored], setting: Setting | None = None) -> "Report":
+    def of(cls, episodes: Sequence[EvaluationRow], setting: Setting | None = None) -> "Report":
         """The report about some episodes, at least one.
 
         Args:
@@ -107,7 +106,7 @@ class Report:
         return "\n".join(lines)
 
 
-def column(episodes: Sequence[Scored], name: str) -> Array:
+def column(episodes: Sequence[EvaluationRow], name: str) -> Array:
     """A metric of every episode, shape (n,); NaN where there is none."""
     values = (getattr(episode.summary, name) for episode in episodes)
     return np.array([np.nan if value is None else float(value) for value in values])

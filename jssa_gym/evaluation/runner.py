@@ -13,9 +13,10 @@ from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.blocked import warning
 from jssa_gym.evaluation.ledger import Chunk, Ledger, package_version, worst
 from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.evaluation.plans import Setting, Single
-from jssa_gym.evaluation.play import AnyStudy, Scored, record, score
+from jssa_gym.evaluation.play import play, record
 from jssa_gym.evaluation.report import Report, write_reports
+from jssa_gym.evaluation.rows import EvaluationRow, Setting
+from jssa_gym.evaluation.study import Evaluation, Single
 from jssa_gym.evaluation.trace import read_meta
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, TraceError
@@ -51,7 +52,7 @@ def evaluate(
     Args:
         env: An id, a function that makes an environment, or, with one job, an environment. Ids of this package run to
             the horizon unless ``env_kwargs`` has ``terminate_on``.
-        policy: See :func:`~jssa_gym.evaluation.plans.make_policy`: a name, a file, ``"module:factory"``, a
+        policy: See :func:`~jssa_gym.evaluation.policy.make_policy`: a name, a file, ``"module:factory"``, a
             model with ``predict`` or a callable.
         episodes: How many.
         seed: First seed; episode k has seed + k, so that two evaluations with the same seed are paired.
@@ -89,7 +90,7 @@ def evaluate(
 
 
 def complete(
-    plan: AnyStudy, folder: Path | None, *, jobs: int = 1, keep: int = 1, progress: Progress | None = None
+    plan: Evaluation, folder: Path | None, *, jobs: int = 1, keep: int = 1, progress: Progress | None = None
 ) -> list[Report]:
     """Play what is left of a plan and report on all of it, a report a setting.
 
@@ -107,10 +108,10 @@ def complete(
     keep = whole_number("keep", keep)
     if jobs > 1:
         _check_sendable(plan)
-    ledger = None if folder is None else Ledger(folder, plan, Scored, package_version())
+    ledger = None if folder is None else Ledger(folder, plan, package_version())
     seeds = plan.seeds()
     total = sum(len(some) for some in seeds.values())
-    played: list[Scored] = []
+    played: list[EvaluationRow] = []
     # small enough that nobody waits for the last one
     size = min(_CHUNK, max(1, total // (4 * jobs)))
     if ledger is None:
@@ -122,7 +123,7 @@ def complete(
     else:
         chunks, played = ledger.chunks(size), ledger.episodes
 
-    def done(episodes: list[Scored]) -> None:
+    def done(episodes: list[EvaluationRow]) -> None:
         if ledger is None:
             played.extend(episodes)
         else:
@@ -132,8 +133,8 @@ def complete(
 
     if progress is not None:
         progress(len(played), total)
-    run(score, chunks, jobs, done)
-    by_setting: dict[Setting, list[Scored]] = {setting: [] for setting in seeds}
+    run(play, chunks, jobs, done)
+    by_setting: dict[Setting, list[EvaluationRow]] = {setting: [] for setting in seeds}
     for episode in played:
         by_setting[episode.cell].append(episode)
     reports = [Report.of(episodes) for episodes in by_setting.values()]
@@ -143,7 +144,7 @@ def complete(
     return reports
 
 
-def _with_worst(ledger: Ledger[Any, Scored], reports: Sequence[Report], keep: int, jobs: int) -> list[Report]:
+def _with_worst(ledger: Ledger[EvaluationRow], reports: Sequence[Report], keep: int, jobs: int) -> list[Report]:
     """Record the worst episodes, by playing them again: recording all would cost more than playing them."""
     chosen = {report.setting: worst(report.episodes, keep) for report in reports}
     missing = {
@@ -181,7 +182,7 @@ def _digest(path: Path) -> str | None:
         return None
 
 
-def _check_sendable(plan: AnyStudy) -> None:
+def _check_sendable(plan: Evaluation) -> None:
     if isinstance(plan, Single) and isinstance(plan.env, gym.Env):
         raise ParameterError("an environment cannot be shared between processes; give an id or a factory, or jobs=1")
     try:

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jssa_gym.evaluation.campaign import Cell
-from jssa_gym.evaluation.episodes import Episode
+from jssa_gym.evaluation.rows import Cell, StressRow
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.validation import known_name
 
@@ -45,12 +44,12 @@ class Tally:
     """Of them, those in which the arm met the table or itself."""
 
 
-def tally(episodes: Sequence[Episode], by: Sequence[str]) -> list[Tally]:
+def tally(episodes: Sequence[StressRow], by: Sequence[str]) -> list[Tally]:
     """Group episodes and count.
 
     Args:
         episodes: Of one campaign.
-        by: What makes a group: fields of :class:`~jssa_gym.evaluation.campaign.Cell`.
+        by: What makes a group: fields of :class:`~jssa_gym.evaluation.rows.Cell`.
 
     Returns:
         A tally a group, in the order in which the groups appear.
@@ -60,13 +59,13 @@ def tally(episodes: Sequence[Episode], by: Sequence[str]) -> list[Tally]:
     """
     for name in by:
         known_name("column to group by", name, Cell._fields)
-    groups: dict[tuple[str, ...], list[Episode]] = {}
+    groups: dict[tuple[str, ...], list[StressRow]] = {}
     for episode in episodes:
         groups.setdefault(tuple(getattr(episode, name) for name in by), []).append(episode)
     return [_tally(group, members) for group, members in groups.items()]
 
 
-def _tally(group: tuple[str, ...], episodes: Sequence[Episode]) -> Tally:
+def _tally(group: tuple[str, ...], episodes: Sequence[StressRow]) -> Tally:
     count, ticks = len(episodes), sum(e.steps for e in episodes)
     judged = [e for e in episodes if e.judged]
     return Tally(
