@@ -263,7 +263,7 @@ def test_every_command_answers_an_interrupt_with_a_line(monkeypatch, capsys, tmp
     [
         (evaluate, "complete", evaluate.Evaluate),
         (evaluate, "complete", compare.Compare),
-        (stress, "run", stress.Stress),
+        (stress, "finish", stress.Stress),
     ],
 )
 def test_campaigns_say_where_they_go_on(monkeypatch, capsys, tmp_path, module, name, kind):

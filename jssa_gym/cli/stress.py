@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from rich.table import Table
 
 from jssa_gym import plots
+from jssa_gym.cli.evaluate import ticks
 from jssa_gym.cli.files import write_figure
 from jssa_gym.cli.names import HUMAN, OPPONENTS, SHIELDS, WRONG
 from jssa_gym.cli.progress import episodes_bar
@@ -19,17 +20,13 @@ from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import contender
 from jssa_gym.evaluation.ledger import Ledger, package_version
-from jssa_gym.evaluation.play import play
 from jssa_gym.evaluation.rows import StressRow
+from jssa_gym.evaluation.runner import finish
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.evaluation.tally import Tally, tally
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.text import counted
 from jssa_gym.validation import positive_integer
-
-_CHUNK = 10
-"""Episodes of one kind played together: what a crash loses at most, for every job."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +72,11 @@ class Stress:
         jobs = positive_integer("jobs", self.jobs)
         if not self.keep >= 0:
             raise ParameterError(f"keep has to be at least 0, got {self.keep}")
-        if not 0.1 <= self.seconds <= 600.0:
-            raise ParameterError(f"seconds has to be between 0.1 and 600, got {self.seconds}")
+        steps = ticks(self.seconds)
         preset = "degradation" if self.degradation else self.preset
         if preset == "degradation":
             plots.require()
-        ledger = Ledger(self.out, self._campaign(preset), package_version())
+        ledger = Ledger(self.out, self._campaign(preset, steps), package_version())
         console = Terminal(stderr=True)
         try:
             self._play(ledger, jobs, console)
@@ -89,7 +85,7 @@ class Stress:
                 f"stopped; the same command goes on from {counted(len(ledger.episodes), 'episode')} in {self.out}"
             )
             raise SystemExit(130) from None
-        episodes = ledger.ordered()
+        episodes = [episode for some in ledger.by_cell().values() for episode in some]
         rows = tally(episodes, self.by)
         if preset == "degradation":
             figure = plots.degradation(*_curves(episodes))
@@ -110,29 +106,27 @@ class Stress:
         if broken or reason:
             raise SystemExit(1)
 
-    def _campaign(self, preset: str) -> Campaign:
+    def _campaign(self, preset: str, steps: int) -> Campaign:
         chosen: dict[str, Any] = {
             name: value
             for name in ("filters", "humans", "policies", "faults", "episodes")
             if (value := getattr(self, name)) not in ((), None)
         }
         grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
-        return Campaign(grids, self.task, round(self.seconds / DT), self.seed, self.judge)
+        return Campaign(grids, self.task, steps, self.seed, self.judge)
 
     def _play(self, ledger: Ledger[StressRow], jobs: int, console: Terminal) -> None:
-        chunks = ledger.chunks(_CHUNK)
-        left, moving = sum(len(chunk.seeds) for chunk in chunks), 0
+        moving = 0
         with episodes_bar(console) as progress:
-            task = progress.add_task("episodes", total=left + len(ledger.episodes), completed=len(ledger.episodes))
+            task = progress.add_task("episodes", total=ledger.plan.total(), completed=len(ledger.episodes))
 
             def done(episodes: list[StressRow]) -> None:
                 nonlocal moving
-                ledger.append(episodes)
                 ledger.keep_worst([e for e in ledger.episodes if e.broken and e.judged], self.keep)
                 moving += sum(episode.broken for episode in episodes)
                 progress.update(task, advance=len(episodes), description=f"episodes, {moving} broken promises")
 
-            run(play, chunks, jobs, done)
+            finish(ledger, jobs, done)
 
 
 def _blocked(episodes: Sequence[StressRow]) -> str:

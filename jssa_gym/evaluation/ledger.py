@@ -68,7 +68,41 @@ def _differs(name: str, known: Any, asked: Any) -> str:
     return f"{name}: {known} there, {asked} asked for" if short else name
 
 
-class Ledger(Generic[AnyRow]):
+class Results(Generic[AnyRow]):
+    """Episodes of a plan as they come, and what is left to play.
+
+    Args:
+        plan: What is played.
+    """
+
+    def __init__(self, plan: EpisodePlan[AnyRow]) -> None:
+        self.plan = plan
+        self.episodes: list[AnyRow] = []
+        self.traces = Path()
+        """Folder for recordings."""
+
+    def append(self, episodes: Sequence[AnyRow]) -> None:
+        """Add episodes."""
+        self.episodes += episodes
+
+    def by_cell(self) -> dict[Any, list[AnyRow]]:
+        """All episodes in the order of the plan, whoever finished first."""
+        found: dict[Any, list[AnyRow]] = {cell: [] for cell in self.plan.seeds()}
+        for episode in sorted(self.episodes, key=lambda episode: episode.seed):
+            found[episode.cell].append(episode)
+        return found
+
+    def chunks(self, size: int) -> list[Chunk[AnyRow]]:
+        """What is left to play, at most ``size`` episodes of one cell together."""
+        done = {(episode.cell, episode.seed) for episode in self.episodes}
+        chunks = []
+        for cell, seeds in self.plan.seeds().items():
+            left = [seed for seed in seeds if (cell, seed) not in done]
+            chunks += [Chunk(self.plan, cell, left[k : k + size], self.traces) for k in range(0, len(left), size)]
+        return chunks
+
+
+class Ledger(Results[AnyRow]):
     """Configuration and episodes of a campaign in a folder.
 
     ``campaign.json`` says what is tried and with which code; ``episodes.csv`` grows by a whole chunk at a time.
@@ -85,9 +119,8 @@ class Ledger(Generic[AnyRow]):
     """
 
     def __init__(self, folder: Path, plan: EpisodePlan[AnyRow], version: str) -> None:
-        self.folder, self.plan = folder, plan
-        self.table, self.traces = folder / "episodes.csv", folder / "traces"
-        self.episodes: list[AnyRow] = []
+        super().__init__(plan)
+        self.folder, self.table, self.traces = folder, folder / "episodes.csv", folder / "traces"
         self._names = _columns(plan.row)
         self._size = 0
         config = {**json.loads(json.dumps(plan.config())), "version": version, "source": source_hash()}
@@ -160,29 +193,12 @@ class Ledger(Generic[AnyRow]):
         if size is None:
             raise ParameterError(f"another process writes to {self.table}; choose another folder")
         self._size = size
-        self.episodes += episodes
-
-    def ordered(self) -> list[AnyRow]:
-        """All episodes in the order of the plan, whoever finished first."""
-        place = {cell: k for k, cell in enumerate(self.plan.seeds())}
-        return sorted(self.episodes, key=lambda episode: (place[episode.cell], episode.seed))
+        super().append(episodes)
 
     def keep_worst(self, recorded: Sequence[AnyRow], count: int) -> None:
         """Delete all recordings but those of the worst of some episodes."""
         for episode in worst(recorded, len(recorded))[count:]:
             (self.traces / episode.trace_name).unlink(missing_ok=True)
-
-    def chunks(self, size: int) -> list[Chunk[AnyRow]]:
-        """What is left to play, at most ``size`` episodes of one cell together."""
-        done: dict[Any, set[int]] = {}
-        for episode in self.episodes:
-            done.setdefault(episode.cell, set()).add(episode.seed)
-        chunks = []
-        for cell, seeds in self.plan.seeds().items():
-            left = [seed for seed in seeds if seed not in done.get(cell, ())]
-            for k in range(0, len(left), size):
-                chunks.append(Chunk(self.plan, cell, left[k : k + size], self.traces))
-        return chunks
 
 
 def worst(episodes: Sequence[AnyRow], count: int) -> list[AnyRow]:

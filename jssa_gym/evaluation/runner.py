@@ -11,11 +11,12 @@ import gymnasium as gym
 
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.blocked import warning
-from jssa_gym.evaluation.ledger import Chunk, Ledger, package_version, worst
+from jssa_gym.evaluation.ledger import Chunk, Ledger, Results, package_version, worst
 from jssa_gym.evaluation.metrics import SeparationParams
+from jssa_gym.evaluation.plan import AnyRow
 from jssa_gym.evaluation.play import play, record
 from jssa_gym.evaluation.report import Report, write_reports
-from jssa_gym.evaluation.rows import EvaluationRow, Setting
+from jssa_gym.evaluation.rows import EvaluationRow
 from jssa_gym.evaluation.study import Evaluation, Single
 from jssa_gym.evaluation.trace import read_meta
 from jssa_gym.evaluation.workers import run
@@ -108,40 +109,38 @@ def complete(
     keep = whole_number("keep", keep)
     if jobs > 1:
         _check_sendable(plan)
-    ledger = None if folder is None else Ledger(folder, plan, package_version())
-    seeds = plan.seeds()
-    total = sum(len(some) for some in seeds.values())
-    played: list[EvaluationRow] = []
-    # small enough that nobody waits for the last one
-    size = min(_CHUNK, max(1, total // (4 * jobs)))
-    if ledger is None:
-        chunks = [
-            Chunk(plan, setting, some[k : k + size], Path())
-            for setting, some in seeds.items()
-            for k in range(0, len(some), size)
-        ]
-    else:
-        chunks, played = ledger.chunks(size), ledger.episodes
+    results = Results(plan) if folder is None else Ledger(folder, plan, package_version())
+    total = plan.total()
 
-    def done(episodes: list[EvaluationRow]) -> None:
-        if ledger is None:
-            played.extend(episodes)
-        else:
-            ledger.append(episodes)
+    def told(new: Sequence[EvaluationRow] = ()) -> None:
         if progress is not None:
-            progress(len(played), total)
+            progress(len(results.episodes), total)
 
-    if progress is not None:
-        progress(len(played), total)
-    run(play, chunks, jobs, done)
-    by_setting: dict[Setting, list[EvaluationRow]] = {setting: [] for setting in seeds}
-    for episode in played:
-        by_setting[episode.cell].append(episode)
-    reports = [Report.of(episodes) for episodes in by_setting.values()]
-    if ledger is not None:
-        reports = _with_worst(ledger, reports, keep, jobs)
-        write_reports(ledger.folder / "summary.json", reports)
+    told()
+    finish(results, jobs, told)
+    reports = [Report.of(episodes) for episodes in results.by_cell().values()]
+    if isinstance(results, Ledger):
+        reports = _with_worst(results, reports, keep, jobs)
+        write_reports(results.folder / "summary.json", reports)
     return reports
+
+
+def finish(results: Results[AnyRow], jobs: int, done: Callable[[list[AnyRow]], Any]) -> None:
+    """Play what is left of a plan.
+
+    Args:
+        results: What was played already; what is played is added.
+        jobs: How many processes.
+        done: Called with every few episodes when they have been added.
+    """
+    # small enough that nobody waits for the last one
+    size = min(_CHUNK, max(1, results.plan.total() // (4 * jobs)))
+
+    def add(episodes: list[AnyRow]) -> None:
+        results.append(episodes)
+        done(episodes)
+
+    run(play, results.chunks(size), jobs, add)
 
 
 def _with_worst(ledger: Ledger[EvaluationRow], reports: Sequence[Report], keep: int, jobs: int) -> list[Report]:
