@@ -38,8 +38,8 @@ from jssa_gym.evaluation.judgement import Excess
 from jssa_gym.evaluation.ledger import Ledger, source_hash
 from jssa_gym.evaluation.plan import SPACING
 from jssa_gym.evaluation.play import Player, play
+from jssa_gym.evaluation.report import tally
 from jssa_gym.evaluation.rows import Cell, digest_of
-from jssa_gym.evaluation.tally import tally
 from jssa_gym.evaluation.trace import load_trace, read_meta
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError

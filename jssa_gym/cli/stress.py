@@ -20,10 +20,10 @@ from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import contender
 from jssa_gym.evaluation.ledger import Ledger, package_version
+from jssa_gym.evaluation.report import Tally, tally
 from jssa_gym.evaluation.rows import StressRow
 from jssa_gym.evaluation.runner import finish
 from jssa_gym.evaluation.statistics import Rate
-from jssa_gym.evaluation.tally import Tally, tally
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.text import counted
 from jssa_gym.validation import positive_integer

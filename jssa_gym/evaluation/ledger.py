@@ -28,7 +28,6 @@ _TELLING = (
     "evaluation/report.py",
     "evaluation/statistics.py",
     "evaluation/svg.py",
-    "evaluation/tally.py",
 )
 """Parts of the package that only tell of episodes; all others decide how one goes or how it is judged."""
 

@@ -149,7 +149,7 @@ class Single(Evaluation):
     by_name: ClassVar[bool] = False
 
     env: str | Callable[[], gym.Env] | gym.Env
-    policy_of: Any
+    policy: Any
     """What :func:`~jssa_gym.evaluation.policy.make_policy` takes, without ``trust_pickle``: who trusts a file hands
     over what :func:`~jssa_gym.policies.load_policy` returns, for one job and no ``out`` folder."""
     env_kwargs: Mapping[str, Any] | None = None
@@ -178,19 +178,17 @@ class Single(Evaluation):
             raise ParameterError("env_kwargs belong to an environment's id, not to a factory or an environment")
         elif not (isinstance(self.env, gym.Env) or callable(self.env)):
             raise ParameterError(f"env has to be an id, a factory or an environment, got {self.env!r}")
-        if isinstance(self.policy_of, str):
-            policy_factory(self.policy_of)
-        elif not (hasattr(self.policy_of, "predict") or callable(self.policy_of)):
-            make_policy(self.policy_of, None, 0)  # ty: ignore[invalid-argument-type]  # raises
-        object.__setattr__(self, "code", policy_code(self.policy_of))
+        if isinstance(self.policy, str):
+            policy_factory(self.policy)
+        elif not (hasattr(self.policy, "predict") or callable(self.policy)):
+            make_policy(self.policy, None, 0)  # ty: ignore[invalid-argument-type]  # raises
+        object.__setattr__(self, "code", policy_code(self.policy))
 
     @property
     def setting(self) -> Setting:
         """The only one: names, or classes where there are none."""
         human = (self.env_kwargs or {}).get("human", "")
-        return Setting(
-            named(self.env), self.filter or "", human if isinstance(human, str) else "", named(self.policy_of)
-        )
+        return Setting(named(self.env), self.filter or "", human if isinstance(human, str) else "", named(self.policy))
 
     def seeds(self) -> dict[Setting, list[int]]:
         """Seeds of the only setting."""
@@ -200,8 +198,8 @@ class Single(Evaluation):
         """All that decides about the results, as JSON can hold it: objects by name and digest."""
         return {
             "env": identity("env", self.env),
-            "policy": identity("policy", self.policy_of),
-            "code": [code_digest(self.env), policy_code(self.policy_of)],
+            "policy": identity("policy", self.policy),
+            "code": [code_digest(self.env), policy_code(self.policy)],
             "env_kwargs": identity("env_kwargs", dict(self.env_kwargs or {})),
             "filter": self.filter,
             "episodes": self.episodes,
@@ -223,9 +221,9 @@ class Single(Evaluation):
         return env if self.filter is None else put_filter(env, self.filter)
 
     def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
-        policy = make_policy(self.policy_of, env.unwrapped, seed, seen=env)
-        if isinstance(self.policy_of, str):
-            check_unchanged(self.policy_of, self.code)
+        policy = make_policy(self.policy, env.unwrapped, seed, seen=env)
+        if isinstance(self.policy, str):
+            check_unchanged(self.policy, self.code)
         return policy
 
 
