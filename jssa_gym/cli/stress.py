@@ -78,13 +78,7 @@ class Stress:
             plots.require()
         ledger = Ledger(self.out, self._campaign(preset, steps), package_version())
         console = Terminal(stderr=True)
-        try:
-            self._play(ledger, jobs, console)
-        except KeyboardInterrupt:
-            console.say(
-                f"stopped; the same command goes on from {counted(len(ledger.episodes), 'episode')} in {self.out}"
-            )
-            raise SystemExit(130) from None
+        self._play(ledger, jobs, console)
         episodes = [episode for some in ledger.by_cell().values() for episode in some]
         rows = tally(episodes, self.by)
         if preset == "degradation":
@@ -116,16 +110,16 @@ class Stress:
         return Campaign(grids, self.task, steps, self.seed, self.judge)
 
     def _play(self, ledger: Ledger[StressRow], jobs: int, console: Terminal) -> None:
-        moving = 0
-        with episodes_bar(console) as progress:
-            task = progress.add_task("episodes", total=ledger.plan.total(), completed=len(ledger.episodes))
+        moving, total = 0, ledger.plan.total()
+        with episodes_bar(console, self.out) as show:
 
             def done(episodes: list[StressRow]) -> None:
                 nonlocal moving
                 ledger.keep_worst([e for e in ledger.episodes if e.broken and e.judged], self.keep)
                 moving += sum(episode.broken for episode in episodes)
-                progress.update(task, advance=len(episodes), description=f"episodes, {moving} broken promises")
+                show(len(ledger.episodes), total, f"episodes, {moving} broken promises")
 
+            show(len(ledger.episodes), total)
             finish(ledger, jobs, done)
 
 
