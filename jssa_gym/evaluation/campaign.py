@@ -100,9 +100,7 @@ class Campaign(EpisodePlan[StressRow]):
             object.__setattr__(self, name, value)  # JSON holds no numbers of numpy
 
     def seeds(self) -> dict[Cell, list[int]]:
-        return paired_seeds(
-            ((cell, cell[1:], grid.episodes) for grid in self.grids for cell in grid.cells()), self.seed
-        )
+        return paired_seeds(((cell, grid.episodes) for grid in self.grids for cell in grid.cells()), self.seed)
 
     def config(self) -> dict[str, Any]:
         return asdict(self)

@@ -1,13 +1,13 @@
 """What is played: cells, which are kinds of episodes, the seeds of each, and how an episode is made and measured."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterable
+from collections.abc import Iterable
 from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium as gym
 
 from jssa_gym.evaluation.judgement import Judgement
-from jssa_gym.evaluation.rows import Row
+from jssa_gym.evaluation.rows import Cell, Row, Setting
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import Policy
 from jssa_gym.robots import RobotModel
@@ -18,7 +18,7 @@ SPACING = 10_000
 """Most episodes of a cell: seeds of two cells differ by a multiple of it."""
 
 AnyRow = TypeVar("AnyRow", bound=Row)
-AnyCell = TypeVar("AnyCell", bound=Hashable)
+AnyCell = TypeVar("AnyCell", Setting, Cell)
 
 
 class EpisodePlan(ABC, Generic[AnyRow]):
@@ -101,17 +101,17 @@ def episodes_of_a_cell(count: Any) -> int:
     return count
 
 
-def paired_seeds(wanted: Iterable[tuple[AnyCell, Hashable, int]], seed: int) -> dict[AnyCell, list[int]]:
-    """Seeds of every cell: the same for cells with the same company, others for others.
+def paired_seeds(wanted: Iterable[tuple[AnyCell, int]], seed: int) -> dict[AnyCell, list[int]]:
+    """Seeds of every cell: the same for cells that differ in the filter alone, others for others.
 
     Args:
-        wanted: Cells, each with what it shares its seeds with and its number of episodes, at most :data:`SPACING`.
+        wanted: Cells, each with its number of episodes, at most :data:`SPACING`.
         seed: The first one.
     """
-    first: dict[Hashable, int] = {}
+    first: dict[Setting | Cell, int] = {}
     seeds: dict[AnyCell, list[int]] = {}
-    for cell, company, episodes in wanted:
-        start = first.setdefault(company, seed + SPACING * len(first))
+    for cell, episodes in wanted:
+        start = first.setdefault(cell._replace(filter=""), seed + SPACING * len(first))
         if episodes > len(seeds.get(cell, ())):
             seeds[cell] = list(range(start, start + episodes))
     return seeds

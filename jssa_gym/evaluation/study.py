@@ -123,8 +123,8 @@ class Study(Evaluation):
 
     def seeds(self) -> dict[Setting, list[int]]:
         """Seeds of every setting: the same for all filters, others for everything else."""
-        settings = (Setting(t, f, h, p) for t, h, p, f in product(self.tasks, self.humans, self.policies, self.filters))
-        return paired_seeds(((one, (one.task, one.human, one.policy), self.episodes) for one in settings), self.seed)
+        names = product(self.tasks, self.humans, self.policies, self.filters)
+        return paired_seeds(((Setting(t, f, h, p), self.episodes) for t, h, p, f in names), self.seed)
 
     def config(self) -> dict[str, Any]:
         return {**asdict(self), "code": dict(_codes(self.policies))}
