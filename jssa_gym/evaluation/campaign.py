@@ -142,7 +142,7 @@ class Campaign(EpisodePlan[StressRow]):
     def origin(self, cell: Cell, seed: int, digest: str) -> dict[str, Any]:
         return {"seed": seed, "task": self.task, **cell._asdict()}
 
-    def faulty(self, cell: Cell) -> bool:
+    def spoiled(self, cell: Cell) -> bool:
         return cell.fault != "none"
 
     def doubts(self, row: StressRow) -> bool:

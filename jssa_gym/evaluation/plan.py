@@ -72,7 +72,7 @@ class EpisodePlan(ABC, Generic[AnyRow]):
     def origin(self, cell: Any, seed: int, digest: str) -> dict[str, Any]:
         """Where an episode comes from, for its recording."""
 
-    def faulty(self, cell: Any) -> bool:
+    def spoiled(self, cell: Any) -> bool:
         """Whether something is wrong on purpose, so that a shield's warnings of it are no news."""
         return False
 

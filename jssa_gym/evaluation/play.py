@@ -72,7 +72,7 @@ class Player(Generic[AnyRow]):
 def play(chunk: Chunk[AnyRow]) -> Iterator[AnyRow]:
     """Play episodes of one cell: record, measure and, where the plan has doubts, play again, judge and keep."""
     plan, cell = chunk.plan, chunk.cell
-    with _warnings_unsaid(plan.faulty(cell)):
+    with _warnings_unsaid(plan.spoiled(cell)):
         player = Player(plan, cell)
         for seed in chunk.seeds:
             row = player.measure(seed)
