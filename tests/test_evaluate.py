@@ -421,7 +421,7 @@ def test_a_killed_study_goes_on(finished, tmp_path):
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    ledger = Ledger(folder, TINY, jssa_gym.evaluation.ledger.package_version())
+    ledger = Ledger(folder, TINY)
     before = len(ledger.episodes)
     assert 2 <= before < 12
     counts = []
@@ -436,53 +436,53 @@ def test_a_table_holds_every_kind_of_value(finished, tmp_path):
     episode = finished[1][0].episodes[0]
     summary = dataclasses.replace(episode.summary, time_to_goal=None, min_distance=np.inf, name='a, "b"', success=True)
     odd = dataclasses.replace(episode, summary=summary, seed=7)
-    ledger = Ledger(tmp_path, TINY, "1")
+    ledger = Ledger(tmp_path, TINY)
     ledger.append([odd, episode])
-    assert Ledger(tmp_path, TINY, "1").episodes == [odd, episode]
+    assert Ledger(tmp_path, TINY).episodes == [odd, episode]
     with ledger.table.open("a") as file:
         file.write("reach,none\n")
     with pytest.raises(ParameterError, match="cells for"):
-        Ledger(tmp_path, TINY, "1")
+        Ledger(tmp_path, TINY)
 
 
 def test_two_writers_are_told_and_nothing_is_counted_twice(finished, tmp_path):
     first, second = finished[1][0].episodes[:2]
-    one, other = (Ledger(tmp_path, TINY, "1") for _ in range(2))
+    one, other = (Ledger(tmp_path, TINY) for _ in range(2))
     one.append([first])
     with pytest.raises(ParameterError, match="another process"):
         other.append([first])
     one.append([second])
-    assert Ledger(tmp_path, TINY, "1").episodes == [first, second]
+    assert Ledger(tmp_path, TINY).episodes == [first, second]
     # as an earlier version let two processes leave it
     lines = one.table.read_bytes().splitlines(keepends=True)
     one.table.write_bytes(b"".join([*lines, lines[-1]]))
     with pytest.raises(ParameterError, match="twice"):
-        Ledger(tmp_path, TINY, "1")
+        Ledger(tmp_path, TINY)
     one.table.write_bytes(lines[0])
-    stranger = Ledger(tmp_path, TINY, "1")
+    stranger = Ledger(tmp_path, TINY)
     stranger.append([dataclasses.replace(first, seed=99)])
     with pytest.raises(ParameterError, match="not planned"):
-        Ledger(tmp_path, TINY, "1")
+        Ledger(tmp_path, TINY)
 
 
 @pytest.mark.parametrize("line", [b"\xff\xfe,1\n", b"x" * 200_000 + b"\n"])
 def test_a_table_that_is_no_text_is_refused(finished, tmp_path, line):
-    ledger = Ledger(tmp_path, TINY, "1")
+    ledger = Ledger(tmp_path, TINY)
     ledger.append(finished[1][0].episodes[:1])
     with ledger.table.open("ab") as file:
         file.write(line)
     with pytest.raises(ParameterError, match="no episode"):
-        Ledger(tmp_path, TINY, "1")
+        Ledger(tmp_path, TINY)
 
 
 def test_a_folder_without_episodes_is_anybodys(finished, tmp_path):
-    Ledger(tmp_path, TINY, "1")
+    Ledger(tmp_path, TINY)
     other = dataclasses.replace(TINY, seed=6)
-    ledger = Ledger(tmp_path, other, "1")
+    ledger = Ledger(tmp_path, other)
     assert json.loads((tmp_path / "campaign.json").read_text())["seed"] == 6
     ledger.append([dataclasses.replace(finished[1][0].episodes[0], seed=6)])
     with pytest.raises(ParameterError, match="other seed"):
-        Ledger(tmp_path, TINY, "1")
+        Ledger(tmp_path, TINY)
 
 
 def test_a_policy_whose_code_changed_does_not_continue_a_folder(tmp_path, monkeypatch):
@@ -508,7 +508,7 @@ def test_a_policy_whose_code_changed_does_not_continue_a_folder(tmp_path, monkey
 
 def test_a_chunk_is_a_chunk_whoever_plays_it(tmp_path):
     plan, played = Single(picklable.environment, "wander", episodes=2, steps=20), []
-    ledger = Ledger(tmp_path, plan, "1")
+    ledger = Ledger(tmp_path, plan)
     run(play, ledger.chunks(1), 2, played.extend)
     assert sorted(e.seed for e in played) == [0, 1]
     assert played[0].cell == Setting("environment", "", "", "wander")

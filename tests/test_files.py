@@ -69,7 +69,7 @@ def writers(recording):
         "policy.npz": lambda path: save_policy(path, load_policy(shipped_policies()[0])),
         "recording.npz": lambda path: recording.save(path),
         "history.csv": lambda path: write_history(path, ()),
-        "campaign.json": lambda path: Ledger(path.parent, study, "1"),
+        "campaign.json": lambda path: Ledger(path.parent, study),
         "chunks.jsonl": lambda path: ChunkFile(path.parent, {"a": 1}),
         "summary.json": lambda path: write_reports(path, ()),
     }
@@ -276,16 +276,16 @@ def limits_of(path):
 def ledger_of(path):
     """The reader of a campaign's configuration."""
     path.with_name("episodes.csv").write_text("x\n")
-    return Ledger(path.parent, Study(("reach",), ("none",), ("none",), ("hold",), episodes=1), "1")
+    return Ledger(path.parent, Study(("reach",), ("none",), ("none",), ("hold",), episodes=1))
 
 
 def table_of(path):
     """The reader of a campaign's episodes."""
     other = path.with_name("other")
     study = Study(("reach",), ("none",), ("none",), ("hold",), episodes=1)
-    Ledger(other, study, "1")
+    Ledger(other, study)
     path.with_name("campaign.json").write_bytes((other / "campaign.json").read_bytes())
-    return Ledger(path.parent, study, "1")
+    return Ledger(path.parent, study)
 
 
 READERS = {

@@ -19,7 +19,7 @@ from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import contender
-from jssa_gym.evaluation.ledger import Ledger, package_version
+from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.report import Tally, tally
 from jssa_gym.evaluation.rows import StressRow
 from jssa_gym.evaluation.runner import finish
@@ -76,7 +76,7 @@ class Stress:
         preset = "degradation" if self.degradation else self.preset
         if preset == "degradation":
             plots.require()
-        ledger = Ledger(self.out, self._campaign(preset, steps), package_version())
+        ledger = Ledger(self.out, self._campaign(preset, steps))
         console = Terminal(stderr=True)
         self._play(ledger, jobs, console)
         episodes = [episode for some in ledger.by_cell().values() for episode in some]

@@ -111,18 +111,17 @@ class Ledger(Results[AnyRow]):
     Args:
         folder: It is made if there is none.
         plan: What is tried.
-        version: Of the package.
 
     Raises:
         ParameterError: The folder cannot be used, or holds another campaign or one of other code.
     """
 
-    def __init__(self, folder: Path, plan: EpisodePlan[AnyRow], version: str) -> None:
+    def __init__(self, folder: Path, plan: EpisodePlan[AnyRow]) -> None:
         super().__init__(plan)
         self.folder, self.table, self.traces = folder, folder / "episodes.csv", folder / "traces"
         self._names = _columns(plan.row)
         self._size = 0
-        config = {**json.loads(json.dumps(plan.config())), "version": version, "source": source_hash()}
+        config = {**json.loads(json.dumps(plan.config())), "version": package_version(), "source": source_hash()}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._settle(config)

@@ -11,7 +11,7 @@ import gymnasium as gym
 
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.blocked import warning
-from jssa_gym.evaluation.ledger import Chunk, Ledger, Results, package_version, worst
+from jssa_gym.evaluation.ledger import Chunk, Ledger, Results, worst
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.plan import AnyRow
 from jssa_gym.evaluation.play import play, record
@@ -109,7 +109,7 @@ def complete(
     keep = whole_number("keep", keep)
     if jobs > 1:
         _check_sendable(plan)
-    results = Results(plan) if folder is None else Ledger(folder, plan, package_version())
+    results = Results(plan) if folder is None else Ledger(folder, plan)
     total = plan.total()
 
     def told(new: Sequence[EvaluationRow] = ()) -> None:
