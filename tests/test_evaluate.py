@@ -37,11 +37,12 @@ from jssa_gym.evaluation import (
     rollout,
     summarise,
 )
+from jssa_gym.evaluation.campaign import Campaign, Grid
 from jssa_gym.evaluation.html import _keys, page
 from jssa_gym.evaluation.leaderboard import PAIRED_RATES, profile, standings
-from jssa_gym.evaluation.ledger import Ledger
+from jssa_gym.evaluation.ledger import Ledger, Results
 from jssa_gym.evaluation.plan import SPACING
-from jssa_gym.evaluation.play import play, played_again
+from jssa_gym.evaluation.play import Player, play, played_again
 from jssa_gym.evaluation.report import METRICS, column
 from jssa_gym.evaluation.rows import EvaluationRow, Setting, digest_of
 from jssa_gym.evaluation.runner import complete
@@ -504,6 +505,32 @@ def test_a_policy_whose_code_changed_does_not_continue_a_folder(tmp_path, monkey
     for policy in ("changing:still", act):
         with pytest.raises(ParameterError, match="other code"):
             jssa_gym.evaluate(picklable.environment, policy, 1, steps=5, out=tmp_path / f"{policy}", keep=0)
+
+
+CAMPAIGN = Campaign((Grid(("full",), ("hand",), ("wander",), ("noise",), 2),), steps=20, judge=0.0)
+
+
+@pytest.mark.parametrize(
+    "plan", [dataclasses.replace(TINY, steps=20), Single(picklable.environment, "wander", steps=20), CAMPAIGN]
+)
+def test_every_plan_is_played_by_the_same_player(tmp_path, plan):
+    cell, (seed, *_) = next(iter(plan.seeds().items()))
+    player = Player(plan, cell)
+    row, trace = player.measure(seed), player.record(seed)
+    assert isinstance(row, plan.row)
+    assert (row.cell, row.seed, row.digest, row.broken) == (cell, seed, digest_of(trace), False)
+    assert row.wall > 0.0
+    assert player.save(trace, seed, tmp_path / "traces") == (tmp_path / "traces" / row.trace_name, row.digest)
+    assert read_meta(tmp_path / "traces" / row.trace_name)["seed"] == seed
+    in_memory, on_disk = Results(plan), Ledger(tmp_path / "folder", plan)
+    for results in (in_memory, on_disk):
+        assert sum(len(chunk.seeds) for chunk in results.chunks(2)) == plan.total()
+        results.append([row])
+        assert results.by_cell() == {one: [row] if one == cell else [] for one in plan.seeds()}
+    kept, left = ([chunk._replace(traces=None) for chunk in x.chunks(2)] for x in (on_disk, in_memory))
+    assert kept == left
+    assert sum(len(chunk.seeds) for chunk in left) == plan.total() - 1
+    assert Ledger(tmp_path / "folder", plan).episodes == [row]
 
 
 def test_a_chunk_is_a_chunk_whoever_plays_it(tmp_path):

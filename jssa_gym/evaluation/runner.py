@@ -1,4 +1,4 @@
-"""Evaluations: play what is left, keep the worst, report."""
+"""Plans are finished here: what is left is played; of evaluations the worst is kept, and all is reported."""
 
 import logging
 import pickle
@@ -26,7 +26,7 @@ from jssa_gym.validation import positive_integer, whole_number
 _logger = logging.getLogger("jssa_gym")
 
 _CHUNK = 10
-"""Most episodes of one setting played together: what a crash loses at most, for every job."""
+"""Most episodes of one cell played together: what a crash loses at most, for every job."""
 
 Progress = Callable[[int, int], Any]
 """Called with the number of episodes played so far and of all."""
