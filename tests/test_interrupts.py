@@ -16,8 +16,8 @@ from places import PATIENCE, environment
 import jssa_gym.cli
 from jssa_gym.cli import compare, evaluate, stress
 from jssa_gym.evaluation import workers
-from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.runner import complete
+from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError
 
@@ -264,7 +264,7 @@ def test_every_command_answers_an_interrupt_with_a_line(monkeypatch, capsys, tmp
     [
         (evaluate, "complete", evaluate.Evaluate),
         (evaluate, "complete", compare.Compare),
-        (stress, "run", stress.Stress),
+        (stress, "finish", stress.Stress),
     ],
 )
 def test_campaigns_say_where_they_go_on(monkeypatch, capsys, tmp_path, module, name, kind):

@@ -34,7 +34,8 @@ class _Stopwatch(SafetyFilter):
         raise NotImplementedError("decide() asks the filter inside")
 
 
-def _shield_of(env: gym.Env) -> Shield | None:
+def shield_of(env: gym.Env) -> Shield | None:
+    """The shield among an environment's wrappers."""
     layer: Any = env
     while isinstance(layer, gym.Wrapper):
         if isinstance(layer, Shield):
@@ -86,7 +87,7 @@ def rollout(
         name: Of the trace.
     """
     base: Any = env.unwrapped
-    shield = _shield_of(env)
+    shield = shield_of(env)
     watch = None
     if shield is not None:
         watch = _Stopwatch(shield.filter)

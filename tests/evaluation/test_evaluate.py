@@ -39,15 +39,17 @@ from jssa_gym.evaluation import (
     rollout,
     summarise,
 )
-from jssa_gym.evaluation.campaign import SPACING
+from jssa_gym.evaluation.campaign import Campaign, Grid
 from jssa_gym.evaluation.html import _keys, page
 from jssa_gym.evaluation.leaderboard import PAIRED_RATES, profile, standings
-from jssa_gym.evaluation.ledger import Ledger
-from jssa_gym.evaluation.plans import Setting, Single
-from jssa_gym.evaluation.play import Scored, digest_of, played_again, score
+from jssa_gym.evaluation.ledger import Ledger, Results
+from jssa_gym.evaluation.plan import SPACING
+from jssa_gym.evaluation.play import Player, play, played_again
 from jssa_gym.evaluation.report import METRICS, column
+from jssa_gym.evaluation.rows import EvaluationRow, Setting, digest_of
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.spans import longest, spans
+from jssa_gym.evaluation.study import Single
 from jssa_gym.evaluation.svg import Panel, colour, dashes, marker, ticks
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.evaluation.workers import run
@@ -57,7 +59,7 @@ from jssa_gym.shields import FILTERS, JSSAFilter
 TIMED = {"shield_p50", "shield_p95", "shield_p99", "shield_max", "deadline_miss_rate"}
 
 
-def kept(episode: Scored) -> dict:
+def kept(episode: EvaluationRow) -> dict:
     """What must not depend on time or process."""
     values = {name: value for name, value in dataclasses.asdict(episode.summary).items() if name not in TIMED}
     return {**episode.cell._asdict(), "seed": episode.seed, "digest": episode.digest, **values}
@@ -421,7 +423,7 @@ def test_a_killed_study_goes_on(finished, tmp_path):
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    ledger = Ledger(folder, TINY, Scored, jssa_gym.evaluation.ledger.package_version())
+    ledger = Ledger(folder, TINY)
     before = len(ledger.episodes)
     assert 2 <= before < 12
     counts = []
@@ -436,53 +438,53 @@ def test_a_table_holds_every_kind_of_value(finished, tmp_path):
     episode = finished[1][0].episodes[0]
     summary = dataclasses.replace(episode.summary, time_to_goal=None, min_distance=np.inf, name='a, "b"', success=True)
     odd = dataclasses.replace(episode, summary=summary, seed=7)
-    ledger = Ledger(tmp_path, TINY, Scored, "1")
+    ledger = Ledger(tmp_path, TINY)
     ledger.append([odd, episode])
-    assert Ledger(tmp_path, TINY, Scored, "1").episodes == [odd, episode]
+    assert Ledger(tmp_path, TINY).episodes == [odd, episode]
     with ledger.table.open("a") as file:
         file.write("reach,none\n")
     with pytest.raises(ParameterError, match="cells for"):
-        Ledger(tmp_path, TINY, Scored, "1")
+        Ledger(tmp_path, TINY)
 
 
 def test_two_writers_are_told_and_nothing_is_counted_twice(finished, tmp_path):
     first, second = finished[1][0].episodes[:2]
-    one, other = (Ledger(tmp_path, TINY, Scored, "1") for _ in range(2))
+    one, other = (Ledger(tmp_path, TINY) for _ in range(2))
     one.append([first])
     with pytest.raises(ParameterError, match="another process"):
         other.append([first])
     one.append([second])
-    assert Ledger(tmp_path, TINY, Scored, "1").episodes == [first, second]
+    assert Ledger(tmp_path, TINY).episodes == [first, second]
     # as an earlier version let two processes leave it
     lines = one.table.read_bytes().splitlines(keepends=True)
     one.table.write_bytes(b"".join([*lines, lines[-1]]))
     with pytest.raises(ParameterError, match="twice"):
-        Ledger(tmp_path, TINY, Scored, "1")
+        Ledger(tmp_path, TINY)
     one.table.write_bytes(lines[0])
-    stranger = Ledger(tmp_path, TINY, Scored, "1")
+    stranger = Ledger(tmp_path, TINY)
     stranger.append([dataclasses.replace(first, seed=99)])
     with pytest.raises(ParameterError, match="not planned"):
-        Ledger(tmp_path, TINY, Scored, "1")
+        Ledger(tmp_path, TINY)
 
 
 @pytest.mark.parametrize("line", [b"\xff\xfe,1\n", b"x" * 200_000 + b"\n"])
 def test_a_table_that_is_no_text_is_refused(finished, tmp_path, line):
-    ledger = Ledger(tmp_path, TINY, Scored, "1")
+    ledger = Ledger(tmp_path, TINY)
     ledger.append(finished[1][0].episodes[:1])
     with ledger.table.open("ab") as file:
         file.write(line)
     with pytest.raises(ParameterError, match="no episode"):
-        Ledger(tmp_path, TINY, Scored, "1")
+        Ledger(tmp_path, TINY)
 
 
 def test_a_folder_without_episodes_is_anybodys(finished, tmp_path):
-    Ledger(tmp_path, TINY, Scored, "1")
+    Ledger(tmp_path, TINY)
     other = dataclasses.replace(TINY, seed=6)
-    ledger = Ledger(tmp_path, other, Scored, "1")
+    ledger = Ledger(tmp_path, other)
     assert json.loads((tmp_path / "campaign.json").read_text())["seed"] == 6
     ledger.append([dataclasses.replace(finished[1][0].episodes[0], seed=6)])
     with pytest.raises(ParameterError, match="other seed"):
-        Ledger(tmp_path, TINY, Scored, "1")
+        Ledger(tmp_path, TINY)
 
 
 def test_a_policy_whose_code_changed_does_not_continue_a_folder(tmp_path, monkeypatch):
@@ -506,11 +508,37 @@ def test_a_policy_whose_code_changed_does_not_continue_a_folder(tmp_path, monkey
             jssa_gym.evaluate(picklable.environment, policy, 1, steps=5, out=tmp_path / f"{policy}", keep=0)
 
 
+CAMPAIGN = Campaign((Grid(("full",), ("hand",), ("wander",), ("noise",), 2),), steps=20, judge=0.0)
+
+
+@pytest.mark.parametrize(
+    "plan", [dataclasses.replace(TINY, steps=20), Single(picklable.environment, "wander", steps=20), CAMPAIGN]
+)
+def test_every_plan_is_played_by_the_same_player(tmp_path, plan):
+    cell, (seed, *_) = next(iter(plan.seeds().items()))
+    player = Player(plan, cell)
+    row, trace = player.measure(seed), player.record(seed)
+    assert isinstance(row, plan.row)
+    assert (row.cell, row.seed, row.digest, row.broken) == (cell, seed, digest_of(trace), False)
+    assert row.wall > 0.0
+    assert player.save(trace, seed, tmp_path / "traces") == (tmp_path / "traces" / row.trace_name, row.digest)
+    assert read_meta(tmp_path / "traces" / row.trace_name)["seed"] == seed
+    in_memory, on_disk = Results(plan), Ledger(tmp_path / "folder", plan)
+    for results in (in_memory, on_disk):
+        assert sum(len(chunk.seeds) for chunk in results.chunks(2)) == plan.total()
+        results.append([row])
+        assert results.by_cell() == {one: [row] if one == cell else [] for one in plan.seeds()}
+    kept, left = ([chunk._replace(traces=None) for chunk in x.chunks(2)] for x in (on_disk, in_memory))
+    assert kept == left
+    assert sum(len(chunk.seeds) for chunk in left) == plan.total() - 1
+    assert Ledger(tmp_path / "folder", plan).episodes == [row]
+
+
 @pytest.mark.long
 def test_a_chunk_is_a_chunk_whoever_plays_it(tmp_path):
     plan, played = Single(picklable.environment, "wander", episodes=2, steps=20), []
-    ledger = Ledger(tmp_path, plan, Scored, "1")
-    run(score, ledger.chunks(1), 2, played.extend)
+    ledger = Ledger(tmp_path, plan)
+    run(play, ledger.chunks(1), 2, played.extend)
     assert sorted(e.seed for e in played) == [0, 1]
     assert played[0].cell == Setting("environment", "", "", "wander")
 

@@ -22,10 +22,10 @@ from jssa_gym.cli.evaluate import Evaluate
 from jssa_gym.cli.replay import Replay
 from jssa_gym.control.commands import MODES
 from jssa_gym.envs.arm import ArmEnv
-from jssa_gym.evaluation.ledger import trace_name
-from jssa_gym.evaluation.plans import Single, Study
 from jssa_gym.evaluation.play import Player
+from jssa_gym.evaluation.rows import trace_name
 from jssa_gym.evaluation.runner import complete
+from jssa_gym.evaluation.study import Single, Study
 from jssa_gym.exceptions import JSSAGymError, ParameterError, PolicyFileError, StorageError
 from jssa_gym.policies import LearnedPolicy, Network, policy_file, read_policy, save_policy, shipped_policies
 
