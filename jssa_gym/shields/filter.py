@@ -151,6 +151,7 @@ class SafetyFilter:
             self._records = Records(arm, settings)
             exact = bool(np.any(settings.tolerance == 0.0))
             fixed = settings.guarded or settings.static_rows
+            self._asks = not self._compiled
             self._reading = Reading(self._records, not settings.guarded, exact, fixed, self.assumed)
         return self._records
 
@@ -241,10 +242,10 @@ class SafetyFilter:
             self._reading.read(scene)
             view, decision = records.view, None
             view.nominal[0] = nominal
-            if self._compiled:
-                loop.decide_all(view.arms, view.nominal)
-            else:
+            if self._asks:
                 decision = self._ask(scene, nominal)
+            else:
+                loop.decide_all(view.arms, view.nominal)
             return self._answer(nominal, decision)
         except Exception as error:  # kernels, not the scene: that has been looked at where it is read
             return self._emergency(nominal, f"the control step failed: {type(error).__name__}: {error}")
@@ -260,19 +261,22 @@ class SafetyFilter:
         records = self._records
         view = records.view
         told = Told(*view.told.item())
-        status, phi, distance, pair = _STATUSES[told.status], told.phi, told.distance, (told.row, told.column)
-        reason = ""
+        pair, jerk = (told.row, told.column), view.jerk.copy()
+        if told.status == Status.NOMINAL:  # nothing to say
+            self._faults = 0
+            return Decision(jerk, nominal, Status.NOMINAL, "", told.phi, told.distance, pair, told.slack, told.rows)
+        phi, distance = told.phi, told.distance
         if proposed is not None and told.chosen <= 0 and told.code in (0, codes.FOREIGN):
             reason = proposed.reason + ("; no verified stop" if told.unverified else "")
-        elif told.status:
+        else:
             reason = in_words(told, nominal, self.robot, records, self._reading)
         if proposed is not None and told.chosen > 0 and not np.isnan(phi):
-            phi, distance, pair = self._foreseen(proposed, view.jerk.copy())
+            phi, distance, pair = self._foreseen(proposed, jerk.copy())
         if told.status == Status.FAULT:
             self._count_fault(told, reason)
         else:
             self._faults = 0
-        return Decision(view.jerk.copy(), nominal, status, reason, phi, distance, pair, told.slack, told.rows)
+        return Decision(jerk, nominal, _STATUSES[told.status], reason, phi, distance, pair, told.slack, told.rows)
 
     def _count_fault(self, told: Told, reason: str) -> None:
         """Say aloud what goes on for long."""

@@ -10,6 +10,7 @@ from numba.experimental import structref
 
 from jssa_gym.kernels.jit import jit
 from jssa_gym.tick.layout import Answer, ArmRecord, Memory, SceneRecord, Settings, Work
+from jssa_gym.tick.move import Body, Seen
 
 
 class _Struct(types.StructRef):
@@ -45,6 +46,14 @@ class _AnswerType(_Struct): ...
 class _ArmsType(_Struct): ...
 
 
+@structref.register
+class _BodyType(_Struct): ...
+
+
+@structref.register
+class _SeenType(_Struct): ...
+
+
 class _ArmRecordStruct(structref.StructRefProxy): ...
 
 
@@ -63,6 +72,12 @@ class _WorkStruct(structref.StructRefProxy): ...
 class _AnswerStruct(structref.StructRefProxy): ...
 
 
+class _BodyStruct(structref.StructRefProxy): ...
+
+
+class _SeenStruct(structref.StructRefProxy): ...
+
+
 for layout, proxy, kind in (
     (ArmRecord, _ArmRecordStruct, _ArmRecordType),
     (Settings, _SettingsStruct, _SettingsType),
@@ -70,6 +85,8 @@ for layout, proxy, kind in (
     (SceneRecord, _SceneRecordStruct, _SceneRecordType),
     (Work, _WorkStruct, _WorkType),
     (Answer, _AnswerStruct, _AnswerType),
+    (Body, _BodyStruct, _BodyType),
+    (Seen, _SeenStruct, _SeenType),
 ):
     structref.define_boxing(kind, proxy)
     structref.define_constructor(proxy, kind, layout._fields)
@@ -94,3 +111,15 @@ def arms(robot, settings, memory, scene, work, answer):
         _WorkStruct(*work),
         _AnswerStruct(*answer),
     )
+
+
+@jit
+def body_pointer(body):
+    """A pointer to the very arrays of a :class:`~jssa_gym.tick.move.Body`."""
+    return _BodyStruct(*body)
+
+
+@jit
+def seen_pointer(seen):
+    """A pointer to the very arrays of a :class:`~jssa_gym.tick.move.Seen`."""
+    return _SeenStruct(*seen)

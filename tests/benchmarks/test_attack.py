@@ -1,14 +1,14 @@
 """The search for people and policies that break a shield, ``benchmarks/attack.py``."""
 
 import runpy
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from jssa_gym.exceptions import ParameterError
 
-BENCH = runpy.run_path(str(Path(__file__).parent.parent / "benchmarks" / "attack.py"))
+BENCH = runpy.run_path(str(ROOT / "benchmarks" / "attack.py"))
 Attack, play, search = BENCH["Attack"], BENCH["play"], BENCH["search"]
 
 
