@@ -260,12 +260,12 @@ class SafetyFilter:
         """The decision that the answer in the records comes to; ``proposed`` is that of a filter that was asked."""
         records = self._records
         view = records.view
-        told = Told(*view.told.item())
-        pair, jerk = (told.row, told.column), view.jerk.copy()
-        if told.status == Status.NOMINAL:  # nothing to say
+        numbers, jerk = view.told.item(), view.jerk.copy()
+        status, phi, distance, row, column, slack, rows = numbers[:7]
+        if status == 0:  # NOMINAL, the usual case: there is nothing to say
             self._faults = 0
-            return Decision(jerk, nominal, Status.NOMINAL, "", told.phi, told.distance, pair, told.slack, told.rows)
-        phi, distance = told.phi, told.distance
+            return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows)
+        told, pair = Told(*numbers), (row, column)
         if proposed is not None and told.chosen <= 0 and told.code in (0, codes.FOREIGN):
             reason = proposed.reason + ("; no verified stop" if told.unverified else "")
         else:
@@ -276,7 +276,7 @@ class SafetyFilter:
             self._count_fault(told, reason)
         else:
             self._faults = 0
-        return Decision(jerk, nominal, _STATUSES[told.status], reason, phi, distance, pair, told.slack, told.rows)
+        return Decision(jerk, nominal, _STATUSES[status], reason, phi, distance, pair, slack, rows)
 
     def _count_fault(self, told: Told, reason: str) -> None:
         """Say aloud what goes on for long."""

@@ -108,14 +108,14 @@ class Reading:
     def read_joints(self, robot: Any) -> str:
         """Take down a joint state; why that is impossible, or nothing."""
         view = self._records.view
-        joints, shape = view.joints, view.joints[0].shape
+        joints, shape = (view.position, view.velocity, view.acceleration), view.jerk.shape
         try:
-            for row, values in enumerate((robot.position, robot.velocity, robot.acceleration)):
+            for row, values in zip(joints, (robot.position, robot.velocity, robot.acceleration), strict=True):
                 if type(values) is not np.ndarray or values.dtype is not _FLOAT64:
                     self._check_joints(values)
                 if values.shape != shape:
                     raise ValueError(f"it has shape {values.shape}, expected {shape}")
-                joints[row] = values
+                row[:] = values
         except Exception as error:  # whatever a driver delivers, the arm must go on safely
             return str(error) or type(error).__name__
         return ""

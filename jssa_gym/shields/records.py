@@ -20,6 +20,9 @@ class View(NamedTuple):
     """Shape (1, n) [rad/s³]: for the same."""
     now: NDArray
     joints: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
     start: Array
     end: Array
     start_velocity: Array
@@ -78,6 +81,7 @@ class Records:
                 np.zeros((1, len(self.robot.links))),
                 scene.now,
                 scene.joints[0],
+                *scene.joints[0],
                 *scene.ends[0],
                 *(part[0] for part in (scene.radius, scene.age, scene.valid, scene.person)),
                 *(scene.normal[0], scene.offset[0]),

@@ -192,6 +192,12 @@ class SceneRecord(NamedTuple):
 ANSWER = np.dtype(
     [
         ("status", np.int64),
+        ("phi", np.float64),
+        ("distance", np.float64),
+        ("row", np.int64),
+        ("column", np.int64),
+        ("slack", np.float64),
+        ("rows", np.int64),
         ("code", np.int64),  # why, see jssa_gym.tick.codes
         ("detail", np.int64),  # ... and what stood in the way of a stop, or behind a fault
         ("capsule", np.int64),  # the robot's capsule that it is about, -1 for none
@@ -203,12 +209,6 @@ ANSWER = np.dtype(
         ("fresh", np.bool_),  # all people were measured at this very moment
         ("sample", np.int64),  # what became of the sample of the capsule that is worst off, see jssa_gym.kernels.trust
         ("inside", np.bool_),  # the nominal lay in the box
-        ("phi", np.float64),
-        ("distance", np.float64),
-        ("row", np.int64),
-        ("column", np.int64),
-        ("slack", np.float64),
-        ("rows", np.int64),
         ("attempt", np.int64),  # times that rows were linearised anew; of printed rows, how many there are
         ("recovering", np.bool_),  # a row asks for less than 0 at once
         ("kept", np.bool_),  # all rows are kept
