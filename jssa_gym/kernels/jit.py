@@ -98,11 +98,16 @@ def jit(function: FunctionType) -> Any:
     return _compiled(function, _FLAGS)
 
 
-def part(function: FunctionType) -> Any:
-    """A part of one function: put into it before it is compiled, not compiled by itself.
+def inner(function: FunctionType) -> Any:
+    """Compile what only compiled functions call: without the wrapper that Python would need."""
+    return _compiled(function, {**_FLAGS, "no_cpython_wrapper": True})
 
-    Machine code of everything that a function calls is optimised again with it. For what is called once, and is there
-    to be read by itself, that would be compile time for nothing.
+
+def part(function: FunctionType) -> Any:
+    """A short part of one function, there to be read by itself: put into it before it is compiled.
+
+    Machine code of everything that a function calls is optimised again with it, so that each storey of functions costs
+    compile time; what is long or itself in parts costs more, as it is copied at every storey.
     """
     return _compiled(function, {**_FLAGS, "inline": "always"})
 

@@ -49,3 +49,33 @@ def put(target, a):
     target[0] = a[0]
     target[1] = a[1]
     target[2] = a[2]
+
+
+@jit
+def copy(source, target):
+    """One row of numbers into another, shape (n,); the same as a slice assignment, which compiles to much more."""
+    for k in range(target.shape[0]):
+        target[k] = source[k]
+
+
+@jit
+def copy_rows(source, target):
+    """The same of several rows."""
+    for i in range(target.shape[0]):
+        for k in range(target.shape[1]):
+            target[i, k] = source[i, k]
+
+
+@jit
+def fill(target, value):
+    """One number into a row of numbers, shape (n,)."""
+    for k in range(target.shape[0]):
+        target[k] = value
+
+
+@jit
+def fill_rows(target, value):
+    """The same of several rows."""
+    for i in range(target.shape[0]):
+        for k in range(target.shape[1]):
+            target[i, k] = value

@@ -18,6 +18,7 @@ from jssa_gym.kernels.capsules import capsule_pair, plane_pair, stands
 from jssa_gym.kernels.chain import place_axes, pose
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.stopping import peak_speed, step_keeps, stop_at, stop_keeps
+from jssa_gym.kernels.vector import fill, fill_rows
 
 REST = 1e-6
 """Speed of a point of the arm below which it is at rest [m/s]: what rounding leaves."""
@@ -215,7 +216,10 @@ def keeps_clear(robot, motion, ticks, around, work):
     fastest, frames, segments, self_pairs = work.fastest, work.frames_now, work.segments_now, robot.self_pairs
     # until when each pair is known to be apart: the arm only slows down, so that what a gap lasts is a promise
     people_off, planes_off, statics_off, self_off = work.people_off, work.planes_off, work.statics_off, work.self_off
-    people_off[:], planes_off[:], statics_off[:], self_off[:] = -np.inf, -np.inf, -np.inf, -np.inf
+    fill_rows(people_off, -np.inf)
+    fill_rows(planes_off, -np.inf)
+    fill_rows(statics_off, -np.inf)
+    fill(self_off, -np.inf)
     end, t = dt * (1 + ticks), 0.0
     for _ in range(_LOOKS):
         _posture(motion, t, work.posture, fastest)

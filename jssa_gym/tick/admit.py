@@ -7,9 +7,10 @@ rest of the last one.
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.jit import inner, part
 from jssa_gym.kernels.motion import integrate, make_representable, representable
 from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk
+from jssa_gym.kernels.vector import copy, copy_rows
 from jssa_gym.kernels.verification import (
     LIMITS,
     SAFE,
@@ -23,7 +24,7 @@ from jssa_gym.kernels.verification import (
 from jssa_gym.tick import codes
 
 
-@part
+@inner
 def unfit(jerk, nominal, forwarded, limit, work):
     """What is wrong with a proposed jerk: 0 nothing, 1 not finite, 2 outside the box, 3 not the nominal it claims.
 
@@ -42,7 +43,7 @@ def unfit(jerk, nominal, forwarded, limit, work):
     return 0
 
 
-@part
+@inner
 def take_fixtures(memory, scene, e):
     """Take down what stands still, or compare it with what stood there at first; what is wrong with it, or 0."""
     if not scene.now[e]["fixtures"]:
@@ -57,7 +58,7 @@ def take_fixtures(memory, scene, e):
     return 0, 0
 
 
-@jit
+@inner
 def keeps_safe(robot, settings, memory, jerk, work, e):
     """Whether the stop after one step at ``jerk`` (n,) is verified, into ``work.next``.
 
@@ -77,7 +78,7 @@ def keeps_safe(robot, settings, memory, jerk, work, e):
     return keeps_clear(robot, motion, ticks, around, work)
 
 
-@jit
+@inner
 def choose(robot, settings, memory, wanted, jerk, work, e):
     """The first verified one of: the wanted jerk, the jerk half way to the stored stop's, the stored stop's.
 
@@ -88,7 +89,7 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
         Which one (0, 1, 2); then code, robot capsule, other's number and time of what stood in the first one's way.
     """
     step = memory.arm[e]["step"]
-    jerk[:] = wanted
+    copy(wanted, jerk)
     why, row, column, moment = keeps_safe(robot, settings, memory, jerk, work, e)
     if why == SAFE:
         return 0, why, row, column, moment
@@ -153,7 +154,7 @@ def confirm_last(robot, settings, memory, work, answer, e):
         answer.told[e]["chosen"] = 2 if which == 2 else 1
 
 
-@part
+@inner
 def store(memory, work, answer, e):
     """Go on with what was confirmed: its stop is the stored one from now on, or the stored one goes on."""
     arm = memory.arm[e]
@@ -163,5 +164,5 @@ def store(memory, work, answer, e):
         for j in range(work.next.shape[0]):
             memory.stored[e, j] = work.next[j]
         arm["step"], arm["verified"], arm["rests"] = 0, True, False
-    memory.expected[e][:] = work.after
-    answer.jerk[e][:] = work.jerk
+    copy_rows(work.after, memory.expected[e])
+    copy(work.jerk, answer.jerk[e])

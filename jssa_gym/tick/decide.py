@@ -8,8 +8,9 @@ import numpy as np
 
 from jssa_gym.kernels.capsules import load_agents
 from jssa_gym.kernels.contact import unsound
-from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.jit import inner, part
 from jssa_gym.kernels.motion import brake, integrate, make_representable
+from jssa_gym.kernels.vector import copy, copy_rows, fill, fill_rows
 from jssa_gym.kernels.verification import LIMITS, REACH, UNDECIDED
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.tick import codes
@@ -73,13 +74,13 @@ def prepare(robot, settings, memory, scene, nominal, work, answer, e):
     answer.told[e]["inside"] = clip_to_box(nominal, work)
     if room:
         return ASK
-    work.wanted[:] = work.clipped
+    copy(work.clipped, work.wanted)
     told = answer.told[e]
     told["status"], told["code"], told["slack"] = codes.RELAXED, codes.CORNERED, 0.0
     return CORNERED
 
 
-@part
+@inner
 def _begin(told):
     told["status"], told["code"], told["detail"], told["ticks"] = codes.FAULT, 0, 0, 0
     told["capsule"], told["other"], told["moment"], told["chosen"] = -1, -1, 0.0, -1
@@ -108,13 +109,13 @@ def _believe(settings, memory, scene, nominal, work, answer, e):
     if fault == 0:
         fault = missing
     if fault == 0:
-        memory.state[e][:] = memory.expected[e]
+        copy_rows(memory.expected[e], memory.state[e])
         present(memory, work, answer, e)
         fault = _unsound(memory.state[e], nominal, work.agents[: memory.tracks.shape[1]])
     return fault
 
 
-@part
+@inner
 def _take_in(settings, memory, scene, nominal, work, e):
     """What is shown is the present. Returns a fault's code, or 0; ``memory.state`` and ``work.agents`` are it."""
     agents, fault = work.agents[: memory.tracks.shape[1]], codes.JOINTS
@@ -132,11 +133,11 @@ def _take_in(settings, memory, scene, nominal, work, e):
         # where the last jerk must have led
         integrate(memory.state[e], memory.applied[e], settings.dt, memory.state[e])
     else:
-        memory.state[e][:] = scene.joints[e]
+        copy_rows(scene.joints[e], memory.state[e])
     return fault
 
 
-@jit
+@inner
 def _unsound(state, nominal, agents):
     """Which input is not finite, as a code, or 0."""
     wrong = unsound(state, nominal, agents)
@@ -157,7 +158,7 @@ def settle(robot, settings, memory, scene, nominal, work, answer, e):
         wrong = unfit(work.wanted, nominal, told["status"] == codes.NOMINAL, robot.limits[4], work)
         if wrong:
             fault, told["detail"] = codes.ANSWER, wrong
-    answer.jerk[e][:] = work.wanted
+    copy(work.wanted, answer.jerk[e])
     if fault == 0 and settings.guarded:
         fault, told["detail"] = take_fixtures(memory, scene, e)
     if fault:
@@ -168,7 +169,7 @@ def settle(robot, settings, memory, scene, nominal, work, answer, e):
         if held > 0:
             return held
         _conclude(robot, settings, memory, work, answer, e)
-    memory.applied[e][:] = answer.jerk[e]
+    copy(answer.jerk[e], memory.applied[e])
     return 0
 
 
@@ -177,7 +178,7 @@ def settle_held(robot, settings, memory, work, answer, e):
     """Apply the other jerk, ``work.wanted``, that was proposed, if the verified stop admits it."""
     confirm_held(robot, settings, memory, work, answer, e)
     _conclude(robot, settings, memory, work, answer, e)
-    memory.applied[e][:] = answer.jerk[e]
+    copy(answer.jerk[e], memory.applied[e])
 
 
 @part
@@ -202,11 +203,11 @@ def _conclude(robot, settings, memory, work, answer, e):
         foresee(robot, settings, memory, answer.jerk[e], work, told, e)
 
 
-@jit
+@inner
 def start(settings, memory, scene, work, e):
     """Forget the past: a new episode begins with what is shown. People are whoever will be shown first."""
     arm, state = memory.arm[e], memory.state[e]
-    memory.applied[e, :] = 0.0
+    fill(memory.applied[e], 0.0)
     for row in range(3):
         for j in range(state.shape[1]):
             x = scene.joints[e, row, j]
@@ -214,7 +215,7 @@ def start(settings, memory, scene, work, e):
             state[row, j] = x if scene.now[e]["joints"] and np.isfinite(x) else 0.0
     arm["begun"], arm["time"], arm["ticks"], arm["clock"] = False, np.nan, 0, 0
     forget(memory, e)
-    memory.expected[e, :, :] = 0.0
+    fill_rows(memory.expected[e], 0.0)
     if scene.now[e]["joints"] and measured(settings, scene.joints[e]):
         begin(settings, memory, scene.joints[e], e)
     forget_people(memory, e)
@@ -222,7 +223,7 @@ def start(settings, memory, scene, work, e):
     replan(settings, memory, work, e)
 
 
-@jit
+@inner
 def stop(robot, settings, memory, work, answer, fault, e):
     """Go on with the stored stop or, without one, brake: something failed, which the code ``fault`` names."""
     told, jerk = answer.told[e], answer.jerk[e]
@@ -231,7 +232,7 @@ def stop(robot, settings, memory, work, answer, fault, e):
     told["row"], told["column"], told["rows"] = -1, -1, 0
     if settings.guarded:
         told["unverified"] = not memory.arm[e]["verified"]
-        memory.state[e][:] = memory.expected[e]
+        copy_rows(memory.expected[e], memory.state[e])
         go_on(settings, memory, memory.arm[e]["step"], memory.expected[e], jerk, e)
         memory.arm[e]["step"] += 1
     else:

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.jit import inner, jit, part
 from jssa_gym.kernels.joints import AGREES, LAGS, MISSING, deviates, judge_joints
 from jssa_gym.kernels.joints import FROZEN as READS_FROZEN
 from jssa_gym.kernels.motion import integrate, violates
 from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk, stop_length
+from jssa_gym.kernels.vector import copy_rows, fill
 from jssa_gym.tick import codes
 
 AGREEMENTS = 5
@@ -42,7 +43,7 @@ def at_rest(state):
     return True
 
 
-@jit
+@inner
 def forget(memory, e):
     """What was wrong with readings, and what they were."""
     arm = memory.arm[e]
@@ -69,7 +70,7 @@ def begin(settings, memory, reading, e):
             exact = exact and settings.tolerance[row, j] == 0.0
     memory.arm[e]["begun"] = not deviates(reading, expected, settings.stop_limits, settings.tolerance)
     if exact and not memory.arm[e]["begun"]:
-        expected[:] = reading
+        copy_rows(reading, expected)
         memory.arm[e]["begun"] = True
 
 
@@ -83,18 +84,18 @@ def measured(settings, reading):
     return True
 
 
-@jit
+@inner
 def replan(settings, memory, work, e):
     """Store a stop from the expected state; nobody has verified it, unless there is nothing to stop."""
     arm, state, still = memory.arm[e], memory.expected[e], work.halt
-    still[:] = 0.0
+    fill(still, 0.0)
     plan_stop(state, settings.stop_limits, settings.dt, memory.stored[e])
     make_plan_representable(memory.stored[e], settings.stop_limits)
     arm["step"], arm["rests"] = 0, False
     arm["verified"] = arm["begun"] and at_rest(state) and not violates(state, still, settings.stop_limits, ROUNDING)
 
 
-@jit
+@inner
 def go_on(settings, memory, step, state, jerk, e):
     """The stored stop's jerk (n,) at one of its ticks, applied to ``state`` (3, n)."""
     stop_jerk(memory.stored[e], step, jerk)
@@ -126,7 +127,7 @@ def date(settings, memory, now, readable, e):
         arm["clock"] = codes.CLOCK_BACK if now < last else codes.CLOCK_STILL
 
 
-@jit
+@inner
 def _most(offsets):
     most = -np.inf
     for k in range(offsets.shape[0]):
@@ -233,12 +234,12 @@ def catch_up(settings, memory, seen, work, e):
     arm, state, jerk = memory.arm[e], work.spare, work.halt
     late, left = arm["late"], max(stop_length(memory.stored[e]) - arm["step"], 0)
     most = min(late, left + 1)
-    state[:] = memory.expected[e]
+    copy_rows(memory.expected[e], state)
     for k in range(most):
         go_on(settings, memory, arm["step"] + k, state, jerk, e)
     if _agreed(settings, memory, seen, most, state, e):
         return most == late or at_rest(state)
-    state[:] = memory.expected[e]
+    copy_rows(memory.expected[e], state)
     for passed in range(most):
         if _agreed(settings, memory, seen, passed, state, e):
             return passed == late or at_rest(state)
@@ -252,11 +253,11 @@ def _agreed(settings, memory, seen, passed, state, e):
     if deviates(seen, state, settings.stop_limits, settings.tolerance):
         return False
     memory.arm[e]["step"] += passed
-    memory.expected[e][:] = state
+    copy_rows(state, memory.expected[e])
     return True
 
 
-@part
+@inner
 def follow(settings, memory, scene, work, e):
     """Compare a reading of the joints with where the applied jerks must have led; what is wrong as a code, and ticks.
 

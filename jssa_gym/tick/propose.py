@@ -4,9 +4,10 @@ import numpy as np
 
 from jssa_gym.kernels.capsules import nearest
 from jssa_gym.kernels.index import advance, assess, exact_rows
-from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.jit import inner, part
 from jssa_gym.kernels.printed import measure_present, printed_rows
 from jssa_gym.kernels.projection import project_row, project_rows, violation
+from jssa_gym.kernels.vector import copy
 from jssa_gym.tick import codes
 from jssa_gym.tick.layout import JSSA, NONE, PRINTED
 
@@ -20,7 +21,7 @@ LINEARISATIONS = 3
 """How often the exact row is linearised anew at the projected jerk; once is the rule."""
 
 
-@jit
+@inner
 def project(settings, nominal, count, work):
     """Nearest jerk to the nominal (n,) in box and the first rows, into ``work.wanted``; feasible, violation left."""
     if count == 1 and settings.diagonal:
@@ -34,7 +35,7 @@ def project(settings, nominal, count, work):
     )  # fmt: skip
 
 
-@jit
+@inner
 def look_ahead(robot, settings, state, jerk, humans, rows, work, told):
     """Index of every pair at the end of the step under ``jerk``, and the closest human pair; ``told`` takes them down.
 
@@ -59,7 +60,7 @@ def look_ahead(robot, settings, state, jerk, humans, rows, work, told):
     return worst, kept
 
 
-@jit
+@inner
 def look_back(robot, settings, state, work):
     """Index of every pair at the beginning of the step, from ``work.agents`` at its end."""
     advance(work.agents, -settings.dt)
@@ -70,7 +71,7 @@ def look_back(robot, settings, state, work):
     advance(work.agents, settings.dt)
 
 
-@jit
+@inner
 def rows_at(robot, settings, jerk, only, work):
     """Make the rows, linearised at ``jerk`` after :func:`look_ahead` at it.
 
@@ -109,14 +110,14 @@ def solve(robot, settings, state, nominal, humans, work, told):
     return stage
 
 
-@jit
+@inner
 def begin_rows(robot, settings, state, humans, work, told):
     """Look at the clipped nominal: 0 if it is kept, ``PROJECT`` if it is to be projected onto the rows that were made.
 
     Returns:
         That, or what failed, as a code.
     """
-    work.wanted[:] = work.clipped
+    copy(work.clipped, work.wanted)
     told["rows"], told["attempt"], told["recovering"], told["kept"], told["slack"] = 0, 0, False, True, 0.0
     if settings.proposal == PRINTED:
         return _printed(robot, settings, state, humans, work, told)
@@ -130,7 +131,7 @@ def begin_rows(robot, settings, state, humans, work, told):
     return 0
 
 
-@jit
+@inner
 def _linearise(robot, settings, work, told):
     """Make rows at ``work.wanted``; ``PROJECT`` unless they are kept, or there were enough."""
     only = told["row"] * work.pairs.shape[1] + told["column"] if settings.closest else -1
@@ -141,7 +142,7 @@ def _linearise(robot, settings, work, told):
     return PROJECT
 
 
-@jit
+@inner
 def _finish(left, work, told):
     """Take down what is left of the rows [m²]; 0, or the code of an index that is none."""
     told["slack"] = max(left, 0.0)
@@ -149,7 +150,7 @@ def _finish(left, work, told):
     return 0 if left < np.inf and told["phi"] < np.inf else codes.INDEX
 
 
-@jit
+@inner
 def after_projection(robot, settings, state, humans, feasible, left, work, told):
     """Look at the projected jerk, ``work.wanted``; returns as :func:`begin_rows`.
 
@@ -170,7 +171,7 @@ def after_projection(robot, settings, state, humans, feasible, left, work, told)
     return _linearise(robot, settings, work, told)
 
 
-@jit
+@inner
 def _printed(robot, settings, state, humans, work, told):
     """Make the rows of Eq. (13) as printed, from the present; returns as :func:`begin_rows`."""
     agents = work.agents[:humans]
@@ -196,7 +197,7 @@ def _printed(robot, settings, state, humans, work, told):
     return PROJECT
 
 
-@jit
+@inner
 def _index_of_printed(left, work, told):
     """The index as printed is its own row's S - L u; 0, or the code of one that is none."""
     for k in range(told["attempt"]):
@@ -210,7 +211,7 @@ def _index_of_printed(left, work, told):
     return 0 if left < np.inf and told["phi"] < np.inf else codes.PRINTED_ROW
 
 
-@jit
+@inner
 def meet(settings, memory, scene, work, e):
     """Let rows see what stands still too, if asked for, and for exact rows everybody at the end of the step.
 
@@ -248,7 +249,7 @@ def propose(robot, settings, memory, scene, nominal, work, answer, e):
     """A jerk into ``work.wanted``; what is known of it into ``answer``: status FAULT and a code if there is none."""
     told, fault = answer.told[e], 0
     if settings.proposal == NONE:
-        work.wanted[:] = work.clipped
+        copy(work.clipped, work.wanted)
         told["slack"], told["kept"] = 0.0, True
     else:
         fault = meet(settings, memory, scene, work, e)
@@ -257,7 +258,7 @@ def propose(robot, settings, memory, scene, nominal, work, answer, e):
     name_status(robot, nominal, fault, work, told)
 
 
-@jit
+@inner
 def name_status(robot, nominal, fault, work, told):
     """Say what became of the nominal; ``fault`` is the code of what failed, or 0."""
     if fault:
@@ -274,7 +275,7 @@ def name_status(robot, nominal, fault, work, told):
         told["status"], told["code"] = codes.PROJECTED, codes.ROWS
 
 
-@part
+@inner
 def of_clipping(robot, nominal, work):
     """Why the nominal was clipped: by the jerk bounds alone, or by the viability box in some joint."""
     for j in range(nominal.shape[0]):
@@ -290,20 +291,22 @@ def propose_held(robot, settings, memory, nominal, held, work, answer, e):
     halt, wanted, box, humans = work.halt, work.wanted, work.spare, memory.tracks.shape[1]
     if settings.proposal == JSSA:
         # in a box that leaves those joints no choice
-        box[0], box[1] = work.lower, work.upper
+        copy(work.lower, box[0])
+        copy(work.upper, box[1])
         for j in range(held):
             work.lower[j] = work.upper[j] = halt[j]
         clip_to_box(nominal, work)
         fault = solve(robot, settings, memory.state[e], nominal, humans, work, work.told[0])
-        work.lower[:], work.upper[:] = box[0], box[1]
+        copy(box[0], work.lower)
+        copy(box[1], work.upper)
         if fault == 0:
             return
-    wanted[:] = answer.jerk[e]
+    copy(answer.jerk[e], wanted)
     for j in range(held):
         wanted[j] = halt[j]
 
 
-@jit
+@inner
 def clip_to_box(nominal, work):
     """The nominal in the box, into ``work.clipped``; whether it lay inside."""
     inside = True
