@@ -227,10 +227,10 @@ class Peeking(NoFilter):
         self.rows = np.zeros((3, count))
         setattr(self, self.where, {"kept": [self.rows[1]]} if self.where == "nested" else self.rows[1])
 
-    def _filter(self, scene, state, agents, nominal, inside):
-        if self.rows.shape[1] != len(agents):
-            self._resize(len(agents))
-        return super()._filter(scene, state, agents, nominal, inside)
+    def respond(self, tick):
+        if self.rows.shape[1] != len(tick.people):
+            self._resize(len(tick.people))
+        return super().respond(tick)
 
 
 class Hiding(Peeking):

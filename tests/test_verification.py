@@ -13,6 +13,7 @@ from jssa_gym.kernels.records import AGENT, FRAME, PLANE, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import levers
+from jssa_gym.tick import layout
 
 DT = 0.008
 TABLE = 0.87
@@ -202,12 +203,15 @@ class Case:
         motion = self.motion
         robot = motion.robot
         n, m = robot.n, len(robot.capsules)
-        return ver.keeps_clear(
-            robot.links, robot.capsules, levers(robot) if swing is None else swing,
-            robot.self_pairs if own else robot.self_pairs[:0], motion.state, motion.jerk, motion.after, motion.plan,
-            motion.ticks, DT, self.agents, self.reach, self.speed, self.touch, self.statics, self.planes,
-            self.margin, np.zeros((3, n)), np.zeros(n), records(n, FRAME), records(m, SEGMENT),
+        arm = layout.ArmRecord(
+            robot.links, robot.capsules, robot.self_pairs if own else robot.self_pairs[:0],
+            levers(robot) if swing is None else swing, robot.limits.bounds(),
         )  # fmt: skip
+        moved = ver.Motion(motion.state, motion.jerk, motion.after, motion.plan, DT)
+        around = ver.Around(
+            self.agents, self.reach, self.speed, self.touch, self.statics, self.planes, self.margin
+        )  # fmt: skip
+        return ver.keeps_clear(arm, moved, motion.ticks, around, layout.work(n, m, 0, 0, 0))
 
     def slack(self, every=1):
         """Smallest gap of anything to anything [m], the oracle's."""

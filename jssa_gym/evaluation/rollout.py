@@ -5,7 +5,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from jssa_gym.evaluation.trace import trace_of
 from jssa_gym.policies import Policy
@@ -29,9 +28,6 @@ class _Stopwatch(SafetyFilter):
         decision = self.timed.decide(scene, nominal)
         self.elapsed = time.perf_counter() - start
         return decision
-
-    def _filter(self, scene: Scene, state: Array, agents: NDArray, nominal: Array, inside: bool) -> Decision:
-        raise NotImplementedError("decide() asks the filter inside")
 
 
 def _shield_of(env: gym.Env) -> Shield | None:

@@ -8,14 +8,15 @@ import numpy as np
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
-from jssa_gym.kernels.motion import brake, make_representable
+from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.answers import sound
 from jssa_gym.shields.copying import refuse_shared_memory
-from jssa_gym.shields.reading import Reading
+from jssa_gym.shields.reading import Reading, part_of
+from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.rebasing import rebase
 from jssa_gym.shields.records import Records
 from jssa_gym.shields.tick import Tick
@@ -247,12 +248,13 @@ class SafetyFilter:
                 decision = self._ask(scene, nominal)
             return self._answer(nominal, decision)
         except Exception as error:  # kernels, not the scene: that has been looked at where it is read
-            return self._emergency(nominal, f"the control step failed: {type(error).__name__}: {error}")
+            return self._emergency(scene, nominal, f"the control step failed: {type(error).__name__}: {error}")
 
     @property
     def _compiled(self) -> bool:
         """Whether the compiled step proposes: for a class that names who does, not for one that answers itself."""
-        owner = next(kind for kind in type(self).__mro__ if "respond" in vars(kind))
+        asked = {"respond", "amend", "foresee"}
+        owner = next(kind for kind in type(self).__mro__ if asked & vars(kind).keys())
         return self.proposal != layout.FOREIGN and "proposal" in vars(owner)
 
     def _answer(self, nominal: Array, proposed: Decision | None) -> Decision:
@@ -265,7 +267,7 @@ class SafetyFilter:
         if proposed is not None and told.chosen <= 0 and told.code in (0, codes.FOREIGN):
             reason = proposed.reason + ("; no verified stop" if told.unverified else "")
         elif told.status:
-            reason = in_words(told, nominal, self.robot, records, self._reading)
+            reason = self._say(told, nominal)
         if proposed is not None and told.chosen > 0 and not np.isnan(phi):
             phi, distance, pair = self._foreseen(proposed, view.jerk.copy())
         if told.status == Status.FAULT:
@@ -273,6 +275,13 @@ class SafetyFilter:
         else:
             self._faults = 0
         return Decision(view.jerk.copy(), nominal, status, reason, phi, distance, pair, told.slack, told.rows)
+
+    def _say(self, told: Told, nominal: Array) -> str:
+        """The reason in words; it is decided already, whatever names turn out to be."""
+        try:
+            return in_words(told, nominal, self.robot, self.records, self._reading)
+        except Exception as error:
+            return f"{REASONS.get(abs(told.code), '')} ({type(error).__name__})"
 
     def _count_fault(self, told: Told, reason: str) -> None:
         """Say aloud what goes on for long."""
@@ -297,14 +306,17 @@ class SafetyFilter:
             self._logged = reason
             _logger.exception("%s; the arm brakes", reason)
 
-    def _emergency(self, nominal: Array, reason: str) -> Decision:
+    def _emergency(self, scene: Scene | None, nominal: Array, reason: str) -> Decision:
         """Brake though the control step itself failed."""
         self._log(reason)
         jerk = np.zeros(self.robot.n)  # the last resort is to add nothing
         try:
-            view = self.records.view
-            if not self.records.settings.guarded and view.now[0]["joints"] and np.isfinite(view.joints).all():
+            view, guarded = self.records.view, self.records.settings.guarded
+            lost = guarded or self._reading.read_joints(part_of(scene, "robot")[0])
+            if not lost and np.isfinite(view.joints).all():
                 view.state[:] = view.joints
+            elif not guarded:  # where the last jerk must have led
+                integrate(view.state, self.records.memory.applied[0], self.dt, view.state)
             loop.stop(view.arms, codes.FAILED)
             jerk = view.jerk.copy()
             if view.told[0]["unverified"]:
