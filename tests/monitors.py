@@ -50,7 +50,7 @@ def _present(arms):
 
 def _records(n: int, limits, dt: float, tolerance, position_error: float, max_age: float) -> Records:
     arm = layout.ArmRecord(records(n, LINK), records(0, CAPSULE), np.zeros((0, 2), np.int64), np.zeros((0, n)), limits)
-    settings = layout.Settings(
+    settings = layout.StepSettings(
         dt=dt, guarded=True, viability=False, proposal=layout.NONE, index=IndexParams().kernel(), closest=False,
         static_rows=False, authority=0.0, recovery=0.0, diagonal=True, weight=np.ones(n), inverse=np.eye(n),
         stop_limits=limits, tolerance=tolerance, position_error=position_error, max_age=max_age, lag=0.0, astray=0.0,

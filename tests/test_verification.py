@@ -207,7 +207,7 @@ class Case:
             robot.links, robot.capsules, robot.self_pairs if own else robot.self_pairs[:0],
             levers(robot) if swing is None else swing, robot.limits.bounds(),
         )  # fmt: skip
-        moved = ver.Motion(motion.state, motion.jerk, motion.after, motion.plan, DT)
+        moved = ver.StepAndStop(motion.state, motion.jerk, motion.after, motion.plan, DT)
         around = ver.Around(
             self.agents, self.reach, self.speed, self.touch, self.statics, self.planes, self.margin
         )  # fmt: skip

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -81,8 +82,6 @@ class SafetyFilter:
         self._faults, self._told, self._warned, self._logged = 0, False, False, ""
         if failsafe is not None:
             failsafe.tolerance_of(robot)
-        self._records: Records | None = None
-        self._reading: Reading | None = None
         announce_compilation(loop.decide_all)
 
     proposal = layout.FOREIGN
@@ -111,11 +110,11 @@ class SafetyFilter:
 
     # ---- records -------------------------------------------------------------------------------------
 
-    def settings(self) -> layout.Settings:
+    def settings(self) -> layout.StepSettings:
         """The numbers that the control step goes by."""
         n, params, limits = self.robot.n, self.failsafe, self.robot.limits.bounds()
         assumed = params or FailsafeParams()
-        return layout.Settings(
+        return layout.StepSettings(
             dt=self.dt,
             guarded=params is not None,
             viability=self.viability,
@@ -142,18 +141,20 @@ class SafetyFilter:
         speed = np.array([params.speed_of(name) for name in names], np.float64)
         return speed, speed.copy(), np.array([params.contact_speed_of(name) for name in names], np.float64)
 
-    @property
+    @cached_property
     def records(self) -> Records:
         """What the control step reads, remembers and answers; made when it is needed first."""
-        if self._records is None:
-            robot, settings = self.robot, self.settings()
-            limits = robot.limits.bounds()
-            arm = layout.ArmRecord(robot.links, robot.capsules, robot.self_pairs, levers(robot), limits)
-            self._records = Records(arm, settings)
-            exact = bool(np.any(settings.tolerance == 0.0))
-            fixed = settings.guarded or settings.static_rows
-            self._reading = Reading(self._records, not settings.guarded, exact, fixed, self.assumed)
-        return self._records
+        robot = self.robot
+        limits = robot.limits.bounds()
+        arm = layout.ArmRecord(robot.links, robot.capsules, robot.self_pairs, levers(robot), limits)
+        return Records(arm, self.settings())
+
+    @cached_property
+    def _reading(self) -> Reading:
+        """Takes down scenes in the records."""
+        settings = self.records.settings
+        exact, fixed = bool(np.any(settings.tolerance == 0.0)), settings.guarded or settings.static_rows
+        return Reading(self.records, not settings.guarded, exact, fixed, self.assumed)
 
     @property
     def lower(self) -> Array:
@@ -181,8 +182,8 @@ class SafetyFilter:
         Raises:
             InterfaceError: An attribute is a view of another's memory.
         """
-        if self._records is not None:
-            self._records.release()
+        if "records" in vars(self):
+            self.records.release()
         refuse_shared_memory(self)
         return self.__dict__.copy()
 
@@ -200,11 +201,10 @@ class SafetyFilter:
 
     def reset(self, scene: Scene) -> None:
         """Forget the past: a new episode begins with ``scene``."""
-        records, self._faults = self.records, 0
-        reading = self._reading
+        reading, self._faults = self._reading, 0
         reading.forget()
         reading.read(scene)
-        loop.start(records.view.arms)
+        loop.start(self.records.view.arms)
         reading.forget()
 
     def rebase(self, scene: Scene) -> None:
@@ -238,9 +238,8 @@ class SafetyFilter:
         """
         nominal = checked_action(nominal, self.robot.n)
         try:
-            records = self._records or self.records
             self._reading.read(scene)
-            view, decision = records.view, None
+            view, decision = self.records.view, None
             view.nominal[0] = nominal
             if self._compiled:
                 loop.decide_all(view.arms, view.nominal)
@@ -259,8 +258,7 @@ class SafetyFilter:
 
     def _answer(self, nominal: Array, proposed: Decision | None) -> Decision:
         """The decision that the answer in the records comes to; ``proposed`` is that of a filter that was asked."""
-        records = self._records
-        view = records.view
+        view = self.records.view
         told = Told(*view.told.item())
         status, phi, distance, pair = _STATUSES[told.status], told.phi, told.distance, (told.row, told.column)
         reason = ""
@@ -328,11 +326,11 @@ class SafetyFilter:
 
     # ---- filters that are not compiled ---------------------------------------------------------------
 
-    def _ask(self, scene: Scene, nominal: Array) -> Decision | None:
+    def _ask(self, scene: Scene | None, nominal: Array) -> Decision | None:
         """Let :meth:`respond` propose; the control step before and after it. The proposal, if it got that far."""
-        view, work = self._records.view, self._records.work
+        view, work = self.records.view, self.records.work
         stage = loop.prepare(view.arms, view.nominal)
-        if stage == ANSWERED:
+        if stage == ANSWERED or scene is None:  # without a scene it always is
             return None
         decision, tick = None, self._tick(scene, nominal)
         if stage == ASK:
@@ -353,7 +351,7 @@ class SafetyFilter:
 
     def _tick(self, scene: Scene, nominal: Array) -> Tick:
         """What :meth:`respond` may see, and change as it likes."""
-        records, people = self._records, self._records.sizes[0]
+        records, people = self.records, self.records.sizes[0]
         work = records.work
         return Tick(
             self.robot,
@@ -376,7 +374,7 @@ class SafetyFilter:
 
     def _amended(self, tick: Tick, decision: Decision | None, held: int) -> Array:
         """Another jerk, in which the first ``held`` joints go on with the stored stop."""
-        work, proposed = self._records.work, self._records.view.jerk
+        work, proposed = self.records.work, self.records.view.jerk
         halt = work.halt.copy()
         try:
             if decision is None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.tick import layout
-from jssa_gym.tick.layout import ArmRecord, Settings
+from jssa_gym.tick.layout import ArmRecord, StepSettings
 from jssa_gym.tick.structs import arms
 from jssa_gym.types import Array
 
@@ -46,7 +46,7 @@ class Records:
         settings: How it is looked after.
     """
 
-    def __init__(self, robot: ArmRecord, settings: Settings) -> None:
+    def __init__(self, robot: ArmRecord, settings: StepSettings) -> None:
         self.robot, self.settings = robot, settings
         n = len(robot.links)
         self.memory = layout.memory(1, n, 0, 0, 0)
@@ -65,6 +65,8 @@ class Records:
         self.memory = _kept(self.memory, layout.memory(1, n, people, statics, planes))
         self.scene = _kept(self.scene, layout.scene_record(1, n, people, statics, planes))
         self.work = layout.work(n, len(self.robot.capsules), people, statics * rows, planes * rows)
+        # until there has been a step
+        self.work.lower[:], self.work.upper[:] = -self.robot.limits[4], self.robot.limits[4]
         self.sizes = people, statics, planes
         self._view: View | None = None
 

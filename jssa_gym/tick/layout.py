@@ -39,7 +39,7 @@ class ArmRecord(NamedTuple):
     """Rows lower and upper position, velocity, acceleration and jerk limits, shape (5, n)."""
 
 
-class Settings(NamedTuple):
+class StepSettings(NamedTuple):
     """Numbers that never change: how the arm is looked after."""
 
     dt: float
@@ -336,21 +336,39 @@ def work(n: int, m: int, people: int, statics: int, planes: int) -> Work:
     others = people + statics
     columns = others + planes
     rows = max(m * columns, 1)
+    multipliers, active, relief = scratch(n, rows)
     return Work(
-        *(np.zeros(n) for _ in range(6)),
-        np.zeros((4, people, 3)),
-        *(np.zeros(people) for _ in range(2)),
-        records(others, AGENT),
-        records(planes, PLANE),
-        records(people, AGENT),
-        np.zeros(people),
-        *(records(n, FRAME), records(m, SEGMENT), records(n, FRAME), records(m, SEGMENT)),
-        *(records((m, columns), PAIR) for _ in range(2)),
-        *(np.zeros((3, n)) for _ in range(2)),
-        *(np.zeros((rows, n)), np.zeros(rows), np.zeros(rows, np.int64), np.zeros(rows)),
-        *scratch(n, rows),
-        records(n, STOP),
-        *(np.zeros(n) for _ in range(2)),
-        np.zeros((3, n)),
-        records(1, ANSWER),
+        lower=np.zeros(n),
+        upper=np.zeros(n),
+        clipped=np.zeros(n),
+        wanted=np.zeros(n),
+        jerk=np.zeros(n),
+        halt=np.zeros(n),
+        people=np.zeros((4, people, 3)),
+        radius=np.zeros(people),
+        age=np.zeros(people),
+        agents=records(others, AGENT),
+        planes=records(planes, PLANE),
+        grown=records(people, AGENT),
+        reach=np.zeros(people),
+        frames=records(n, FRAME),
+        segments=records(m, SEGMENT),
+        frames_now=records(n, FRAME),
+        segments_now=records(m, SEGMENT),
+        pairs=records((m, columns), PAIR),
+        pairs_now=records((m, columns), PAIR),
+        after=np.zeros((3, n)),
+        before=np.zeros((3, n)),
+        L=np.zeros((rows, n)),
+        S=np.zeros(rows),
+        owner=np.zeros(rows, np.int64),
+        target=np.zeros(rows),
+        multipliers=multipliers,
+        active=active,
+        relief=relief,
+        next=records(n, STOP),
+        posture=np.zeros(n),
+        fastest=np.zeros(n),
+        spare=np.zeros((3, n)),
+        told=records(1, ANSWER),
     )

@@ -9,7 +9,7 @@ from numba import types
 from numba.experimental import structref
 
 from jssa_gym.kernels.jit import jit
-from jssa_gym.tick.layout import Answer, ArmRecord, Memory, SceneRecord, Settings, Work
+from jssa_gym.tick.layout import Answer, ArmRecord, Memory, SceneRecord, StepSettings, Work
 
 
 class _Struct(types.StructRef):
@@ -65,7 +65,7 @@ class _AnswerStruct(structref.StructRefProxy): ...
 
 for layout, proxy, kind in (
     (ArmRecord, _ArmRecordStruct, _ArmRecordType),
-    (Settings, _SettingsStruct, _SettingsType),
+    (StepSettings, _SettingsStruct, _SettingsType),
     (Memory, _MemoryStruct, _MemoryType),
     (SceneRecord, _SceneRecordStruct, _SceneRecordType),
     (Work, _WorkStruct, _WorkType),
