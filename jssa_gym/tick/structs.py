@@ -3,9 +3,9 @@
 A tuple of arrays would be taken apart and put together again at every call, which costs more than most calls do.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
-from numba import types
+from numba import config, types
 from numba.experimental import structref
 
 from jssa_gym.kernels.jit import jit
@@ -83,9 +83,19 @@ structref.define_boxing(_ArmsType, _ArmsStruct)
 structref.define_constructor(_ArmsStruct, _ArmsType, ["robot", "settings", "memory", "scene", "work", "answer"])
 
 
+class Arms(NamedTuple):
+    """The same where Python runs what else is compiled (NUMBA_DISABLE_JIT=1): its tuples are pointers already."""
+
+    robot: ArmRecord
+    settings: StepSettings
+    memory: Memory
+    scene: SceneRecord
+    work: Work
+    answer: Answer
+
+
 @jit
-def arms(robot, settings, memory, scene, work, answer):
-    """A pointer to the very arrays of these tuples, which it keeps alive."""
+def _pointer(robot, settings, memory, scene, work, answer):
     return _ArmsStruct(
         _ArmRecordStruct(*robot),
         _SettingsStruct(*settings),
@@ -94,3 +104,10 @@ def arms(robot, settings, memory, scene, work, answer):
         _WorkStruct(*work),
         _AnswerStruct(*answer),
     )
+
+
+def arms(
+    robot: ArmRecord, settings: StepSettings, memory: Memory, scene: SceneRecord, work: Work, answer: Answer
+) -> Any:
+    """A pointer to the very arrays of these tuples, which it keeps alive."""
+    return (Arms if config.DISABLE_JIT else _pointer)(robot, settings, memory, scene, work, answer)
