@@ -151,19 +151,19 @@ def test_many_arms_decide_as_each_of_them_would_alone(robot, make_scene, kind, l
             together.show(e, scene)
             decisions.append(filter.decide(scene, nominals[e]))
         loop.decide_all(together.arms, nominals)
-        for e, (filter, decision) in enumerate(zip(alone, decisions, strict=True)):
-            told, what = together.answer.told[e], f"arm {e} in tick {k}: {decision.reason}"
-            np.testing.assert_array_equal(together.answer.jerk[e], decision.jerk, err_msg=what)
-            assert (told["status"], told["rows"]) == (decision.status, decision.rows), what
-            for name in ("phi", "distance", "slack"):
-                np.testing.assert_array_equal(told[name], getattr(decision, name), err_msg=f"{what}: {name}")
-            assert (told["row"], told["column"]) == decision.pair, what
-            same(told, filter.records.answer.told[0], what)
-            for name in ("arm", "state", "expected", "applied", "stored"):
-                same(getattr(together.memory, name)[e], getattr(filter.records.memory, name)[0], f"{what}: {name}")
-            seen.add(decision.status)
-            codes.add(int(told["code"]))
-            integrate(episodes[e].state, decision.jerk, DT, episodes[e].state)
+        told, what = together.answer.told, f"in tick {k}"
+        same(together.answer.jerk, np.array([decision.jerk for decision in decisions]), what)
+        for name in ("status", "phi", "distance", "slack", "rows"):
+            same(told[name], np.array([getattr(decision, name) for decision in decisions]), f"{what}: {name}")
+        assert list(zip(told["row"], told["column"], strict=True)) == [decision.pair for decision in decisions]
+        same(told, np.array([filter.records.answer.told[0] for filter in alone]), what)
+        for name in ("arm", "state", "expected", "applied", "stored"):
+            each = np.array([getattr(filter.records.memory, name)[0] for filter in alone])
+            same(getattr(together.memory, name), each, f"{what}: {name}")
+        seen |= {decision.status for decision in decisions}
+        codes |= set(told["code"].tolist())
+        for episode, decision in zip(episodes, decisions, strict=True):
+            integrate(episode.state, decision.jerk, DT, episode.state)
     # a comparison of arms that never do anything shows nothing
     assert {Status.NOMINAL, Status.FAULT} <= seen
     assert (Status.FAILSAFE in seen) == (layers != "bare")
