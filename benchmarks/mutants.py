@@ -24,9 +24,9 @@ TIMEOUT = 300.0
 PEERS = "[ssa or -ssa or sss or cbf or pfm or sma or ssm or [stop or -stop"
 """Cases of other filters than the shield's own, which would only repeat what those of the shield notice."""
 
-KERNELS = "tests/test_verification.py"
-FILTERS = "tests/test_failsafe.py"
-JOINTS = "tests/test_joints.py"
+KERNELS = "tests/kernels/test_verification.py"
+FILTERS = "tests/shields/test_failsafe.py"
+JOINTS = "tests/safety/test_joints.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -325,7 +325,7 @@ MUTANTS = [
         "what is verified is not what is applied",
         "decision = decision._replace(jerk=jerk)",
         "pass",
-        ("tests/test_shield.py", "to_the_bit and True"),
+        ("tests/shields/test_shield.py", "to_the_bit and True"),
     ),
     _filter("brakes without the stored stop", "jerk = guard.stop()", "jerk = self.fallback(self._state)"),
     _filter("verification forgotten", "if not verdict.proposed:", "if False:", PROMISES),
@@ -369,7 +369,7 @@ MUTANTS = [
         "kernels/projection.py",
         "out[k] = min(max(0.0, lower[k]), upper[k])",
         "out[k] = min(max(nominal[k], lower[k]), upper[k])",
-        ("tests/test_fail_closed.py", "unsolvable"),
+        ("tests/shields/test_fail_closed.py", "unsolvable"),
     ),
     # rows
     Mutant("factor 2 in a row", "kernels/index.py", ROW, ROW.replace("-slope", "-2.0 * slope"), ROWS),
@@ -386,7 +386,7 @@ MUTANTS = [
         "kernels/index.py",
         "distance * abs(distance) -",
         "distance * distance -",
-        ("tests/test_index.py", "deeper"),
+        ("tests/kernels/test_index.py", "deeper"),
     ),
     Mutant(
         "Jacobian of the wrong link",
@@ -421,14 +421,14 @@ MUTANTS = [
         "shields/jssa.py",
         "jerk, feasible, note = projection.jerk, ",
         "jerk, feasible, note = np.clip(projection.jerk, 0.3 * self.lower, 0.3 * self.upper), ",
-        ("tests/test_shield.py", "jerk_is_the_nearest"),
+        ("tests/shields/test_shield.py", "jerk_is_the_nearest"),
     ),
     Mutant(
         "degrees for radians",
         "robots/lr_mate_200id_7l.py",
         "return np.radians(np.array(degrees))",
         "return np.array(degrees)",
-        ("tests/test_robot_model.py", "limit"),
+        ("tests/robots/test_model.py", "limit"),
     ),
 ]
 

@@ -110,9 +110,11 @@ def main() -> None:
         count = printed_rows(frames, segments, agents, human_pairs, -bound, bound, TAU, index, -1, 1e-3, L, S, owner)
         keep("printed", L[:count])
         present = (np.zeros((human_pairs.size, 4)), np.zeros((human_pairs.size, n)), np.zeros((human_pairs.size, 3)))
-        derivatives(robot.links, robot.capsules, state, agents, frames, segments, human_pairs, *present)
+        parameters = IndexParams().array()
+        derivatives(robot.links, robot.capsules, state, agents, parameters, frames, segments, human_pairs, *present)
         for name, values in zip(("motion", "normal jacobian", "normal"), present, strict=True):
             keep(name, values)
+        keep("present phi", human_pairs["phi"])
         own, plane_pairs = np.zeros(len(robot.self_pairs)), records((len(segments), 1), PAIR)
         measure_self(segments, robot.self_pairs, own)
         measure_planes(segments, planes, plane_pairs)

@@ -1,5 +1,6 @@
-"""Environments, filters and policies of a user's own, importable by other processes."""
+"""Environments, filters and policies of a user's own, and what is seen of them, importable by other processes."""
 
+import dataclasses
 import logging
 import os
 import signal
@@ -9,14 +10,20 @@ import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
+from places import LASTING
 
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.sensor import SensorModel
+from jssa_gym.evaluation import Study
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.shields import SafetyFilter
+from jssa_gym.shields import SafetyFilter, Shield
 from jssa_gym.shields.pairs import PairFilter
 from jssa_gym.types import Decision, Status
+
+TINY = Study(("reach", "home"), ("jssa+stop", "none"), ("pursuit",), ("wander",), episodes=3, seed=5, steps=250)
+"""Twelve short episodes."""
 
 
 def environment() -> ArmEnv:
@@ -84,7 +91,7 @@ def killed(number: int) -> Iterator[int]:
 def lasting(number: int) -> Iterator[int]:
     """Work that says who does it and takes longer than any test."""
     print(os.getpid(), flush=True)
-    time.sleep(600.0)
+    time.sleep(LASTING)
     yield number
 
 
@@ -92,7 +99,7 @@ def one_then_lasting(number: int) -> Iterator[int]:
     """Work whose first piece is finished at once, and whose second takes longer than any test."""
     yield number
     print("begun", number, flush=True)
-    time.sleep(600.0)
+    time.sleep(LASTING)
     yield number
 
 
@@ -179,10 +186,55 @@ def relay(chunk: tuple[str, Path]) -> Iterator[str | int]:
     wait_for(folder / "go")
     yield from range(3)
     (folder / "sent").touch()
-    time.sleep(600.0)
+    time.sleep(LASTING)
 
 
 def wait_for(path: Path) -> None:
     """Until another process has made a file."""
     while not path.exists():
         time.sleep(0.01)
+
+
+class Push:
+    """Jerks that change slowly, which filters object to."""
+
+    def __init__(self, env: gym.Env) -> None:
+        self.n, self.calls = env.action_space.shape[0], 0
+
+    def __call__(self, observation):
+        self.calls += 1
+        return np.sin(0.05 * self.calls + np.arange(self.n))
+
+
+def bits(value):
+    """What must not differ: every bit of every number, NaN too."""
+    if isinstance(value, dict):
+        return {key: bits(item) for key, item in value.items()}
+    if dataclasses.is_dataclass(value):
+        return bits({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})
+    if isinstance(value, tuple | list):
+        return [bits(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic | float):
+        array = np.asarray(value)
+        return array.dtype, array.shape, array.tobytes()
+    return value
+
+
+def go_on(env: gym.Env, policy, observation, steps: int) -> list:
+    """All that can be seen of some steps."""
+    seen = []
+    for _ in range(steps):
+        action = policy(observation)
+        observation, *rest = env.step(action)
+        seen.append(bits([action, observation, *rest, decisions(env)]))
+    return seen
+
+
+def decisions(env: gym.Env) -> list:
+    """What the shields in a chain of wrappers decided last."""
+    found = []
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, Shield) and env.last_decision is not None:
+            found.append(env.last_decision)
+        env = env.env
+    return found

@@ -1,4 +1,4 @@
-"""People for tests of perception: every capsule end wanders by itself, never faster than a bound, often at it."""
+"""People for tests of perception and of shields: strollers, who wander with every capsule end, and balls."""
 
 import functools
 from typing import ClassVar
@@ -21,6 +21,7 @@ def _arm() -> RobotModel:
 class Stage(gym.Env):
     """An arm that rests and two people of three capsules; ``truth[k]`` are the ends and velocities (4, m, 3) of tick k.
 
+    Every end wanders by itself, never faster than a bound and often at it.
     Ends are at full speed or, with ``rest``, at rest now and then.
     """
 
@@ -76,3 +77,8 @@ class Stage(gym.Env):
 def ends_of(people: CapsuleSet) -> np.ndarray:
     """Starts, ends and their velocities, shape (4, m, 3)."""
     return np.array([people.start, people.end, people.start_velocity, people.end_velocity])
+
+
+def ball(place, radius=0.1, name="core_body", velocity=(0.0, 0.0, 0.0), person=0) -> CapsuleSet:
+    at, rate = np.array([place], float), np.array([velocity], float)
+    return CapsuleSet(at, at.copy(), rate, rate.copy(), np.array([radius]), (name,), np.array([person]))

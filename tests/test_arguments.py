@@ -15,8 +15,8 @@ from jssa_gym.envs.tasks.joints import Track
 from jssa_gym.evaluation import evaluate, judge, rollout
 from jssa_gym.evaluation.campaign import Campaign, Grid
 from jssa_gym.evaluation.contenders import Ageless, Late
-from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.runner import complete
+from jssa_gym.evaluation.study import Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import HoldPolicy, JPCPolicy
 from jssa_gym.rates import clopper_pearson

@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import importlib
 import inspect
-import os
 import pickle
 import pkgutil
 import subprocess
@@ -15,6 +14,8 @@ import gymnasium as gym
 import numpy as np
 import picklable
 import pytest
+from picklable import Push, bits, go_on
+from places import environment
 
 import jssa_gym
 from jssa_gym.control import JPCAction
@@ -46,51 +47,6 @@ def close_by(task="home", **kwargs) -> ArmEnv:
     """Somebody comes so near that every filter has something to do; nothing ends the episode."""
     human = ApproachRetreat(start=0.8, nearest=(0.62, 0.62), wait=(0.0, 0.0))
     return ArmEnv(task, human=human, terminate_on=(), **kwargs)
-
-
-class Push:
-    """Jerks that change slowly, which filters object to."""
-
-    def __init__(self, env: gym.Env) -> None:
-        self.n, self.calls = env.action_space.shape[0], 0
-
-    def __call__(self, observation):
-        self.calls += 1
-        return np.sin(0.05 * self.calls + np.arange(self.n))
-
-
-def bits(value):
-    """What must not differ: every bit of every number, NaN too."""
-    if isinstance(value, dict):
-        return {key: bits(item) for key, item in value.items()}
-    if dataclasses.is_dataclass(value):
-        return bits({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})
-    if isinstance(value, tuple | list):
-        return [bits(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic | float):
-        array = np.asarray(value)
-        return array.dtype, array.shape, array.tobytes()
-    return value
-
-
-def go_on(env: gym.Env, policy, observation, steps: int) -> list:
-    """All that can be seen of some steps."""
-    seen = []
-    for _ in range(steps):
-        action = policy(observation)
-        observation, *rest = env.step(action)
-        seen.append(bits([action, observation, *rest, decisions(env)]))
-    return seen
-
-
-def decisions(env: gym.Env) -> list:
-    """What the shields in a chain of wrappers decided last."""
-    found = []
-    while isinstance(env, gym.Wrapper):
-        if isinstance(env, Shield) and env.last_decision is not None:
-            found.append(env.last_decision)
-        env = env.env
-    return found
 
 
 def begin(env: gym.Env, policy, steps: int = 40, seed: int = 3):
@@ -312,23 +268,21 @@ def test_an_environment_that_has_drawn_goes_on_and_draws(dynamics, duplicate) ->
 
 ELSEWHERE = """
 import pickle, sys
-import test_copies
+from picklable import go_on
 env, policy, observation = pickle.load(open(sys.argv[1], "rb"))
-print(repr(test_copies.go_on(env, policy, observation, 30)))
+print(repr(go_on(env, policy, observation, 30)))
 """
 
 
+@pytest.mark.long
 def test_what_was_pickled_goes_on_in_another_process(tmp_path) -> None:
     env = JSSAShield(close_by(dynamics="servo"))
     policy = Push(env)
     observation = begin(env, policy)
     path = tmp_path / "env.pickle"
     path.write_bytes(pickle.dumps((env, policy, observation)))
-    places = os.pathsep.join([os.path.dirname(__file__), *sys.path])  # noqa: PTH120
-    command = [sys.executable, "-c", ELSEWHERE.replace("test_copies", __name__), str(path)]
-    answer = subprocess.run(
-        command, env={**os.environ, "PYTHONPATH": places}, capture_output=True, text=True, check=True
-    )
+    command = [sys.executable, "-c", ELSEWHERE, str(path)]
+    answer = subprocess.run(command, env=environment(), capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == repr(go_on(env, policy, observation, 30))
 
 
@@ -366,6 +320,7 @@ def test_a_wrapper_goes_on(build, duplicate) -> None:
     assert shared(env) == set()
 
 
+@pytest.mark.long
 def test_every_wrapper_is_among_them() -> None:
     found = set()
     for module in pkgutil.walk_packages(jssa_gym.__path__, "jssa_gym."):

@@ -3,11 +3,9 @@
 import re
 import runpy
 import sys
-from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parent.parent
+from places import ROOT
 
 
 def readme_blocks() -> list[str]:
@@ -24,6 +22,7 @@ def test_readme_block_runs(block: int) -> None:
     exec(compile(source, f"README block {block}", "exec"), {"__name__": "readme"})
 
 
+@pytest.mark.long
 def test_the_trainings_in_the_docs_run() -> None:
     pytest.importorskip("stable_baselines3")
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "training.md").read_text(), flags=re.DOTALL)

@@ -21,10 +21,10 @@ from jssa_gym.certificate.chunks import ChunkFile
 from jssa_gym.cli import main
 from jssa_gym.cli.files import write_figure, write_json
 from jssa_gym.evaluation import load_trace
-from jssa_gym.evaluation.ledger import Ledger, trace_name
-from jssa_gym.evaluation.plans import Study
-from jssa_gym.evaluation.play import Scored
+from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.report import write_reports
+from jssa_gym.evaluation.rows import trace_name
+from jssa_gym.evaluation.study import Study
 from jssa_gym.exceptions import (
     CheckpointError,
     JSSAGymError,
@@ -86,7 +86,7 @@ def writers(recording):
         "policy.npz": lambda path: save_policy(path, load_policy(shipped_policies()[0])),
         "recording.npz": lambda path: recording.save(path),
         "history.csv": lambda path: write_history(path, ()),
-        "campaign.json": lambda path: Ledger(path.parent, study, Scored, "1"),
+        "campaign.json": lambda path: Ledger(path.parent, study),
         "chunks.jsonl": lambda path: ChunkFile(path.parent, {"a": 1}),
         "summary.json": lambda path: write_reports(path, ()),
     }
@@ -293,16 +293,16 @@ def limits_of(path):
 def ledger_of(path):
     """The reader of a campaign's configuration."""
     path.with_name("episodes.csv").write_text("x\n")
-    return Ledger(path.parent, Study(("reach",), ("none",), ("none",), ("hold",), episodes=1), Scored, "1")
+    return Ledger(path.parent, Study(("reach",), ("none",), ("none",), ("hold",), episodes=1))
 
 
 def table_of(path):
     """The reader of a campaign's episodes."""
     other = path.with_name("other")
     study = Study(("reach",), ("none",), ("none",), ("hold",), episodes=1)
-    Ledger(other, study, Scored, "1")
+    Ledger(other, study)
     path.with_name("campaign.json").write_bytes((other / "campaign.json").read_bytes())
-    return Ledger(path.parent, study, Scored, "1")
+    return Ledger(path.parent, study)
 
 
 READERS = {

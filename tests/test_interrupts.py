@@ -7,32 +7,27 @@ import subprocess
 import sys
 import textwrap
 import threading
-from pathlib import Path
 from types import SimpleNamespace
 
 import picklable
 import pytest
+from places import PATIENCE, environment
 
 import jssa_gym.cli
 from jssa_gym.cli import compare, evaluate, stress
 from jssa_gym.evaluation import workers
-from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.runner import complete
+from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError
-
-HERE = str(Path(__file__).parent)
-PATIENCE = 300.0
-"""For a process to end [s]: much less than its work would take."""
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals of this kind")
 
 
 def start(*command, stdin=None):
-    path = os.pathsep.join([HERE, *filter(None, [os.environ.get("PYTHONPATH")])])
     return subprocess.Popen(
         [sys.executable, *command],
-        env=os.environ | {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
+        env=environment() | {"PYTHONUNBUFFERED": "1"},
         stdin=stdin,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -77,6 +72,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("jobs", "times"), [(1, 2), (2, 1), (2, 2)])
 def test_an_interrupt_ends_work_at_once_and_keeps_what_was_finished(tmp_path, jobs, times):
     (tmp_path / "work.py").write_text(WORK)
@@ -93,6 +89,7 @@ def test_an_interrupt_ends_work_at_once_and_keeps_what_was_finished(tmp_path, jo
     assert "Traceback" not in err or times == 2
 
 
+@pytest.mark.long
 def test_a_command_that_is_interrupted_twice_goes_on_from_what_it_played(tmp_path):
     options = ("--episodes", "3000", "--filter", "none", "--human", "none", "--policy", "hold", "--jobs", "2")
     process = start("-m", "jssa_gym", "evaluate", *options, "--seconds", "1", "--out", str(tmp_path / "out"))
@@ -121,6 +118,7 @@ def test_a_command_that_is_interrupted_twice_goes_on_from_what_it_played(tmp_pat
     assert seen == [played, played + 10]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_errors_come_out_of_workers_and_keep_what_was_finished(jobs):
     kept = []
@@ -131,7 +129,9 @@ def test_errors_come_out_of_workers_and_keep_what_was_finished(jobs):
         run(picklable.failing_to_tell, [1], jobs, kept.extend)
 
 
-def test_a_worker_that_ends_by_itself_was_not_killed():
+@pytest.mark.long
+def test_a_worker_that_ends_by_itself_was_not_killed(monkeypatch):
+    monkeypatch.setattr(workers, "_LAST_BREATH", PATIENCE)  # an interpreter takes its time to end where much else runs
     with pytest.raises(WorkerError, match=r"ended by itself; what had ended .* is kept"):
         run(picklable.leaving, [1], 2, id)
 
@@ -187,6 +187,7 @@ def test_one_that_somebody_swallows_is_asked_for_again_of_workers(listening, mon
     assert len(waits) == 2
 
 
+@pytest.mark.long
 def test_what_was_sent_and_not_read_is_kept(listening, tmp_path):
     seen = []
 
@@ -263,7 +264,7 @@ def test_every_command_answers_an_interrupt_with_a_line(monkeypatch, capsys, tmp
     [
         (evaluate, "complete", evaluate.Evaluate),
         (evaluate, "complete", compare.Compare),
-        (stress, "run", stress.Stress),
+        (stress, "finish", stress.Stress),
     ],
 )
 def test_campaigns_say_where_they_go_on(monkeypatch, capsys, tmp_path, module, name, kind):
@@ -283,6 +284,7 @@ SCRIPT = 'import jssa_gym\njssa_gym.evaluate("jssa_gym/Home-v0", "hold", 2, step
 GUARD = 'if __name__ == "__main__"'
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stdin", [False, True])
 def test_a_script_without_a_main_guard_is_told_of_it(tmp_path, stdin):
     (tmp_path / "script.py").write_text(SCRIPT)
@@ -295,6 +297,7 @@ def test_a_script_without_a_main_guard_is_told_of_it(tmp_path, stdin):
     assert "memory" not in err
 
 
+@pytest.mark.long
 def test_what_only_a_prompt_knows_is_asked_for_in_a_module():
     code = """
         import jssa_gym, numpy as np

@@ -13,7 +13,7 @@ import jssa_gym
 from jssa_gym.evaluation import put_filter
 from jssa_gym.evaluation.campaign import Grid
 from jssa_gym.evaluation.contenders import CONTENDERS, contender, contender_names
-from jssa_gym.evaluation.plans import Study
+from jssa_gym.evaluation.study import Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.registration import ENTRIES
 from jssa_gym.shields import (

@@ -15,7 +15,7 @@ from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.html import write_page
 from jssa_gym.evaluation.leaderboard import Standing, standings
-from jssa_gym.evaluation.plans import Study
+from jssa_gym.evaluation.study import Study
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,11 @@ from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT, MOVING
 from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.slowdown import slowdown
 from jssa_gym.evaluation.statistics import short
+from jssa_gym.evaluation.study import Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.text import counted
 
@@ -49,21 +49,8 @@ def find_policies_here(policies: Iterable[str]) -> None:
 
 def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
     """Play what is left of a study under a progress bar; an interrupt says how to go on."""
-    console = Terminal(stderr=True)
-    played = 0
-    with episodes_bar(console) as progress:
-        task = progress.add_task("episodes", total=None)
-
-        def show(done: int, total: int) -> None:
-            nonlocal played
-            played = done
-            progress.update(task, completed=done, total=total)
-
-        try:
-            return complete(study, out, jobs=jobs, keep=keep, progress=show)
-        except KeyboardInterrupt:
-            console.say(f"stopped; the same command goes on from {counted(played, 'episode')} in {out}")
-            raise SystemExit(130) from None
+    with episodes_bar(Terminal(stderr=True), out) as show:
+        return complete(study, out, jobs=jobs, keep=keep, progress=show)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.judgement import Judgement
-from jssa_gym.evaluation.play import digest_of, played_again, recorded_setting
+from jssa_gym.evaluation.play import played_again, recorded_setting
+from jssa_gym.evaluation.rows import digest_of
 from jssa_gym.evaluation.trace import load_trace, read_meta
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import ROBOTS, RobotModel, make_robot

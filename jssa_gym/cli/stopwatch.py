@@ -97,8 +97,8 @@ def time_decisions(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array
 def _qps(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array]]) -> list[tuple[Array, HalfSpaces]]:
     """The quadratic programs that an episode gives rise to, taken from the projector's door."""
     problems: list[tuple[Array, HalfSpaces]] = []
-    recording = JSSAFilter(robot, dt)
-    inner = recording._projector
+    # of the filter whose projector can be changed: that of the other is compiled into its step
+    recording, inner = JSSAFilter(robot, dt, projector="osqp"), ExactProjector(robot.n)
 
     class _Recorder(ExactProjector):
         def project(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array) -> Any:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from rich.table import Table
 
 from jssa_gym import plots
+from jssa_gym.cli.evaluate import ticks
 from jssa_gym.cli.files import write_figure
 from jssa_gym.cli.names import HUMAN, OPPONENTS, SHIELDS, WRONG
 from jssa_gym.cli.progress import episodes_bar
@@ -18,17 +19,14 @@ from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import contender
-from jssa_gym.evaluation.episodes import Episode, play
-from jssa_gym.evaluation.ledger import Ledger, package_version
+from jssa_gym.evaluation.ledger import Ledger
+from jssa_gym.evaluation.report import Tally, tally
+from jssa_gym.evaluation.rows import StressRow
+from jssa_gym.evaluation.runner import finish
 from jssa_gym.evaluation.statistics import Rate
-from jssa_gym.evaluation.tally import Tally, tally
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.text import counted
 from jssa_gym.validation import positive_integer
-
-_CHUNK = 10
-"""Episodes of one kind played together: what a crash loses at most, for every job."""
 
 
 @dataclass(frozen=True)
@@ -74,21 +72,14 @@ class Stress:
         jobs = positive_integer("jobs", self.jobs)
         if not self.keep >= 0:
             raise ParameterError(f"keep has to be at least 0, got {self.keep}")
-        if not 0.1 <= self.seconds <= 600.0:
-            raise ParameterError(f"seconds has to be between 0.1 and 600, got {self.seconds}")
+        steps = ticks(self.seconds)
         preset = "degradation" if self.degradation else self.preset
         if preset == "degradation":
             plots.require()
-        ledger = Ledger(self.out, self._campaign(preset), Episode, package_version())
+        ledger = Ledger(self.out, self._campaign(preset, steps))
         console = Terminal(stderr=True)
-        try:
-            self._play(ledger, jobs, console)
-        except KeyboardInterrupt:
-            console.say(
-                f"stopped; the same command goes on from {counted(len(ledger.episodes), 'episode')} in {self.out}"
-            )
-            raise SystemExit(130) from None
-        episodes = ledger.ordered()
+        self._play(ledger, jobs, console)
+        episodes = [episode for some in ledger.by_cell().values() for episode in some]
         rows = tally(episodes, self.by)
         if preset == "degradation":
             figure = plots.degradation(*_curves(episodes))
@@ -109,32 +100,30 @@ class Stress:
         if broken or reason:
             raise SystemExit(1)
 
-    def _campaign(self, preset: str) -> Campaign:
+    def _campaign(self, preset: str, steps: int) -> Campaign:
         chosen: dict[str, Any] = {
             name: value
             for name in ("filters", "humans", "policies", "faults", "episodes")
             if (value := getattr(self, name)) not in ((), None)
         }
         grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
-        return Campaign(grids, self.task, round(self.seconds / DT), self.seed, self.judge)
+        return Campaign(grids, self.task, steps, self.seed, self.judge)
 
-    def _play(self, ledger: Ledger[Campaign, Episode], jobs: int, console: Terminal) -> None:
-        chunks = ledger.chunks(_CHUNK)
-        left, moving = sum(len(chunk.seeds) for chunk in chunks), 0
-        with episodes_bar(console) as progress:
-            task = progress.add_task("episodes", total=left + len(ledger.episodes), completed=len(ledger.episodes))
+    def _play(self, ledger: Ledger[StressRow], jobs: int, console: Terminal) -> None:
+        moving, total = 0, ledger.plan.total()
+        with episodes_bar(console, self.out) as show:
 
-            def done(episodes: list[Episode]) -> None:
+            def done(episodes: list[StressRow]) -> None:
                 nonlocal moving
-                ledger.append(episodes)
                 ledger.keep_worst([e for e in ledger.episodes if e.broken and e.judged], self.keep)
                 moving += sum(episode.broken for episode in episodes)
-                progress.update(task, advance=len(episodes), description=f"episodes, {moving} broken promises")
+                show(len(ledger.episodes), total, f"episodes, {moving} broken promises")
 
-            run(play, chunks, jobs, done)
+            show(len(ledger.episodes), total)
+            finish(ledger, jobs, done)
 
 
-def _blocked(episodes: Sequence[Episode]) -> str:
+def _blocked(episodes: Sequence[StressRow]) -> str:
     """Why every decision of the whole campaign was a FAULT; empty if not every one was: some faults are to hold it."""
     guarded = [episode for episode in episodes if episode.filter != "none"]
     return commonest(e.first_fault for e in guarded) if all(e.faulty == e.steps for e in guarded) else ""
@@ -145,9 +134,7 @@ def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
     return {**dict(zip(by, values.pop("group"), strict=True)), **values}
 
 
-def _show(
-    rows: Sequence[Tally], by: Sequence[str], broken: Sequence[Episode], ledger: Ledger[Campaign, Episode]
-) -> None:
+def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow], ledger: Ledger[StressRow]) -> None:
     console = Terminal(width=140)
     happened = Table(
         title=f"{counted(len(ledger.episodes), 'episode')} of {ledger.plan.steps * DT:g} s, 95 % intervals"
@@ -191,10 +178,10 @@ def _show(
         )
 
 
-def _curves(episodes: Sequence[Episode]) -> tuple[plots.Curve, plots.Curve]:
+def _curves(episodes: Sequence[StressRow]) -> tuple[plots.Curve, plots.Curve]:
     """By the people's speed and by the delay that nobody reports."""
 
-    def curve(points: dict[float, list[Episode]]) -> plots.Curve:
+    def curve(points: dict[float, list[StressRow]]) -> plots.Curve:
         levels = sorted(points)
         rates = [Rate.of(sum(e.touched_moving for e in points[x]), len(points[x])) for x in levels]
         speeds = [[max(e.contact_speed, e.judged_speed) for e in points[x]] for x in levels]
@@ -202,8 +189,8 @@ def _curves(episodes: Sequence[Episode]) -> tuple[plots.Curve, plots.Curve]:
             levels, [r.value for r in rates], [r.low for r in rates], [r.high for r in rates], [max(s) for s in speeds]
         )
 
-    fast: dict[float, list[Episode]] = {}
-    late: dict[float, list[Episode]] = {}
+    fast: dict[float, list[StressRow]] = {}
+    late: dict[float, list[StressRow]] = {}
     for episode in episodes:
         if " x" in episode.human:
             fast.setdefault(float(episode.human.split(" x")[1]), []).append(episode)

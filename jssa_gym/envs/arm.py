@@ -20,9 +20,9 @@ from jssa_gym.headless import has_display
 from jssa_gym.humans import HumanMotion, make_human, nobody
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
-from jssa_gym.kernels.tick import fill_observation, tick
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.action import checked_action
+from jssa_gym.tick.move import fill_observation, move
 from jssa_gym.types import Array, CapsuleSet, JointState, Scene
 from jssa_gym.validation import positive_number
 
@@ -57,7 +57,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         height: int = 480,
     ) -> None:
         size = check_arguments(dynamics, terminate_on, render_mode, width, height)
-        announce_compilation(tick)
+        announce_compilation(move)
         self.planes = planes_of(scene)
         self.task = make_task(task)
         self.robot = make_robot(robot)
@@ -285,7 +285,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         if self._actual is not state:
             moment = moment._replace(position=state[0])
         goal = self.task.observe(self._goal, moment)
-        fill_observation(state, around.tip, around.near, around.parts, goal, self._scaling, out)
+        fill_observation(state, around.pointers[1], goal, self._scaling, out)
         return out
 
     def render(self) -> Any:

@@ -34,7 +34,7 @@ class Observation:
     """What a table of features says about the observation vector.
 
     Args:
-        features: The table, in the order of :func:`jssa_gym.kernels.tick.fill_observation`.
+        features: The table, in the order of :func:`jssa_gym.tick.move.fill_observation`.
     """
 
     def __init__(self, features: Sequence[Feature]) -> None:

@@ -1,14 +1,15 @@
 """The simulated arm among the people: what one kernel call a step measures, and the buffers it writes to."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jssa_gym.kernels.motion import violates
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, records
-from jssa_gym.kernels.tick import tick
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.proximity import TRUTH, records_for
+from jssa_gym.safety.proximity import TRUTH, check_capsules
+from jssa_gym.tick.move import MeasuredArm, People, Seen, move
+from jssa_gym.tick.structs import body_pointer, seen_pointer
 from jssa_gym.types import Array, CapsuleSet
 
 _LIMIT_TOLERANCE = 1e-9
@@ -47,31 +48,60 @@ class Surroundings:
     """
 
     def __init__(self, robot: RobotModel, parts: int) -> None:
-        limits, count = robot.limits, len(robot.capsules)
-        self._robot = robot
-        self._bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
-        (low, high), zero = limits.position.T, np.zeros(robot.n)
+        limits, (low, high), zero = robot.limits, robot.limits.position.T, np.zeros(robot.n)
+        self._robot, self._zero = robot, zero
         swung = (low - OVER_POSITION, high + OVER_POSITION, (1.0 + OVER_VELOCITY) * limits.velocity)
-        self._servo_bounds, self._zero = np.array([*swung, np.full(robot.n, np.inf), limits.jerk]), zero
-        self._parameters = TRUTH.array()
-        self._frames, self._segments = records(robot.n, FRAME), records(count, SEGMENT)
-        self._agents, self._pairs = records(0, AGENT), records((count, 0), PAIR)
-        self._pair = (-1, -1)
-        self.near = np.zeros(13)
-        """Of the closest pair; see :func:`~jssa_gym.kernels.tick.tick`."""
-        self.parts = np.zeros(max(parts, 1))
-        """Smallest distance to each of a person's capsules [m]."""
-        self.tip = np.zeros((2, 3))
-        """Position [m] and velocity [m/s] of the tool centre point."""
+        self._servo_bounds = np.array([*swung, np.full(robot.n, np.inf), limits.jerk])
+        self._body = MeasuredArm(
+            robot.links,
+            robot.capsules,
+            int(robot.tool_link),
+            robot.tool_offset,
+            limits.bounds(),
+            _LIMIT_TOLERANCE,
+            TRUTH.kernel(),
+        )
+        self._pair, self._parts = (-1, -1), max(parts, 1)
+        self._make_room(0)
         self.tip_speed = 0.0
-        """[m/s]."""
+        """Of the tool centre point [m/s]."""
+
+    def _make_room(self, people: int) -> None:
+        n, m = self._robot.n, len(self._robot.capsules)
+        self.seen = Seen(
+            np.zeros(13),
+            np.zeros(self._parts),
+            np.zeros((2, 3)),
+            records(people, AGENT),
+            records(n, FRAME),
+            records(m, SEGMENT),
+            records((m, people), PAIR),
+        )
+        """What was measured last."""
+        self._pointers: tuple[Any, Any] | None = None
+
+    @property
+    def pointers(self) -> tuple[Any, Any]:
+        """To the arm and to what is seen, for kernels; made anew where a copy needs them first."""
+        if self._pointers is None:
+            self._pointers = body_pointer(self._body), seen_pointer(self.seen)
+        return self._pointers
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the pointers, which are none elsewhere."""
+        return {**self.__dict__, "_pointers": None}
+
+    @property
+    def tip(self) -> Array:
+        """Position [m] and velocity [m/s] of the tool centre point, shape (2, 3)."""
+        return self.seen.tip
 
     def take(self, people: CapsuleSet) -> None:
         """Who is there from now on."""
-        self._people = people
-        self._agents = records_for(people, self._agents)
-        if self._pairs.shape[1] != len(self._agents):
-            self._pairs = records((len(self._segments), len(self._agents)), PAIR)
+        check_capsules(people)
+        self._people = People(*people[:5])
+        if len(people.radius) != len(self.seen.agents):
+            self._make_room(len(people.radius))
 
     def move(self, before: Array, jerk: Array, dt: float) -> tuple[Array, float, float, bool]:
         """Move a joint state on and measure the arm against the people as they are now.
@@ -85,31 +115,9 @@ class Surroundings:
             The joint state after ``dt``, shape (3, n), the smallest distance [m], the largest speed of a touching
             point [m/s], and whether state or jerk exceeds a limit.
         """
-        robot, people, after = self._robot, self._people, np.empty_like(before)
-        row, column, distance, contact_speed, self.tip_speed, violation = tick(
-            robot.links,
-            robot.capsules,
-            robot.tool_link,
-            robot.tool_offset,
-            before,
-            jerk,
-            dt,
-            self._bounds,
-            _LIMIT_TOLERANCE,
-            people.start,
-            people.end,
-            people.start_velocity,
-            people.end_velocity,
-            people.radius,
-            self._parameters,
-            after,
-            self._agents,
-            self._frames,
-            self._segments,
-            self._pairs,
-            self.near,
-            self.parts,
-            self.tip,
+        after, (body, seen) = np.empty_like(before), self.pointers
+        row, column, distance, contact_speed, self.tip_speed, violation = move(
+            body, self._people, before, jerk, dt, after, seen
         )
         self._pair = (row, column)
         return after, distance, contact_speed, violation
@@ -127,19 +135,19 @@ class Surroundings:
     @property
     def closest(self) -> Closest:
         """The closest robot-human pair."""
-        near, (row, column) = self.near, self._pair
+        near, (row, column) = self.seen.near, self._pair
         return Closest(float(near[0]), float(near[1]), float(near[2]), row, column, float(near[3]))
 
     @property
     def line(self) -> tuple[Array, Array] | None:
         """Points of the closest pair, shape (3,) [m] each; None without a human."""
-        near = self.near
+        near = self.seen.near
         return (near[7:10] - near[4:7], near[7:10]) if self._pair[0] >= 0 else None
 
     @property
     def robot_capsules(self) -> CapsuleSet:
         """The arm's capsules in the world, with velocities; copies."""
-        segments = self._segments
+        segments = self.seen.segments
         return CapsuleSet(
             segments["start"].copy(),
             segments["end"].copy(),

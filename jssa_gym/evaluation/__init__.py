@@ -1,11 +1,20 @@
-"""Episodes, what they recorded, numbers about them, and a second judge."""
+"""Episodes: planned, played, recorded, measured, judged, reported.
 
-from jssa_gym.evaluation.filters import put_filter
+- plan: ``plan`` says what every plan offers, ``study`` has evaluations, ``campaign`` what is to break shields, with
+  the ``contenders`` of both; ``policy`` and ``identity`` tell what is played from anything else.
+- play: ``play`` has the one player of all plans, ``runner`` finishes a plan, ``workers`` are its processes, and the
+  ``ledger`` is what it leaves in a folder and goes on from.
+- record: ``rollout`` makes a trace of an episode and ``trace`` keeps it; ``record`` is for training loops.
+- measure: ``rows`` are episodes in numbers; ``metrics`` has them from ``steps``, ``geometry`` and ``counterfactual``.
+- judge: ``judge`` plays a trace again with MuJoCo, its ``oracle``, and says a ``judgement``.
+- report: ``report``, ``leaderboard`` and ``slowdown`` with the intervals of ``statistics``; ``html`` is the page.
+"""
+
 from jssa_gym.evaluation.geometry import Geometry, geometry
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.judgement import Contact, Excess, Judgement, Overlap
 from jssa_gym.evaluation.metrics import SeparationParams, Summary, summarise
-from jssa_gym.evaluation.plans import Study, make_policy
+from jssa_gym.evaluation.policy import make_policy
 from jssa_gym.evaluation.record import RecordSafety
 from jssa_gym.evaluation.report import Report
 from jssa_gym.evaluation.rollout import rollout
@@ -22,6 +31,7 @@ from jssa_gym.evaluation.statistics import (
     paired_difference,
 )
 from jssa_gym.evaluation.steps import StepSummary
+from jssa_gym.evaluation.study import Study, put_filter
 from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace
 
 __all__ = [

@@ -9,12 +9,17 @@ _LONGEST = 200
 """Characters of a reason that are told."""
 
 
+def one_line(reason: str) -> str:
+    """A reason as it is told."""
+    return " ".join(reason.split())[:_LONGEST]
+
+
 def commonest(reasons: Iterable[str]) -> str:
     """The most frequent reason, the first of several, on one line; empty of none."""
     counts = Counter(reasons)
     if not counts:
         return ""
-    return " ".join(max(counts, key=lambda reason: counts[reason]).split())[:_LONGEST] or "no reason given"
+    return one_line(max(counts, key=lambda reason: counts[reason])) or "no reason given"
 
 
 def fault_of(trace: Trace) -> str:

@@ -1,30 +1,40 @@
-"""Campaigns: which shields, people, policies and faults are tried together, on which seeds."""
+"""Campaigns: which shields, people, policies and faults are tried together, and whom MuJoCo judges."""
 
-from collections.abc import Hashable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+import hashlib
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 from itertools import product
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar
 
+import gymnasium as gym
+import numpy as np
+
+from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import TASKS
-from jssa_gym.evaluation.contenders import FAULTS, JOINTS, LATENCIES, MULTIPLES, PEOPLE, REPORTED, contender_names
+from jssa_gym.evaluation.blocked import one_line
+from jssa_gym.evaluation.contenders import (
+    FAULTS,
+    JOINTS,
+    LATENCIES,
+    MULTIPLES,
+    PEOPLE,
+    REPORTED,
+    contender,
+    contender_names,
+    shielded,
+)
+from jssa_gym.evaluation.judgement import Excess, Judgement
+from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
+from jssa_gym.evaluation.rows import Cell, Row, StressRow, digest_of, states_of
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.policies import POLICIES
+from jssa_gym.policies import POLICIES, Policy
+from jssa_gym.robots import RobotModel
+from jssa_gym.types import Status, Trace
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
 
-SPACING = 10_000
-"""Most episodes of a cell: seeds of two cells differ by a multiple of it."""
-
-
-AnyCell = TypeVar("AnyCell", bound=Hashable)
-
-
-class Cell(NamedTuple):
-    """One kind of episode."""
-
-    filter: str
-    human: str
-    policy: str
-    fault: str
+_SUSPICIOUS = 1e-4
+"""Contact speed from which an episode of a shield that promises rest is judged [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +60,7 @@ class Grid:
                 raise ParameterError(f"no {name} to try; valid: {', '.join(valid)}")
             for one in chosen:
                 known_name({"policies": "policy"}.get(name, name.removesuffix("s")), one, valid)
-        object.__setattr__(self, "episodes", positive_integer("episodes", self.episodes))
-        if self.episodes > SPACING:
-            raise ParameterError(f"episodes has to be at most {SPACING} of a combination, got {self.episodes}")
+        object.__setattr__(self, "episodes", episodes_of_a_cell(self.episodes))
 
     def cells(self) -> Iterator[Cell]:
         """The combinations."""
@@ -61,8 +69,8 @@ class Grid:
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
-    """What is tried. Every field takes part in the results; how many processes work at it does not.
+class Campaign(EpisodePlan[StressRow]):
+    """What is tried to break shields.
 
     Seeds are those of ``env.reset``. Shields tried with the same people, policy and fault see the same seeds, so that
     what is drawn is the same too; other combinations see others.
@@ -70,6 +78,8 @@ class Campaign:
     Raises:
         ParameterError: A value is out of range.
     """
+
+    row: ClassVar[type[Row]] = StressRow
 
     grids: tuple[Grid, ...]
     task: str = "home"
@@ -90,30 +100,70 @@ class Campaign:
             object.__setattr__(self, name, value)  # JSON holds no numbers of numpy
 
     def seeds(self) -> dict[Cell, list[int]]:
-        """Seeds of every cell, those of the same people, policy and fault side by side."""
-        return paired_seeds(
-            ((cell, cell[1:], grid.episodes) for grid in self.grids for cell in grid.cells()), self.seed
-        )
+        return paired_seeds(((cell, grid.episodes) for grid in self.grids for cell in grid.cells()), self.seed)
 
     def config(self) -> dict[str, Any]:
-        """All that decides about the results, as JSON can hold it."""
         return asdict(self)
 
+    def make_env(self, cell: Cell) -> gym.Env:
+        env = ArmEnv(self.task, human=PEOPLE[cell.human](), terminate_on=())
+        return shielded(env, cell.filter, cell.fault)
 
-def paired_seeds(wanted: Iterable[tuple[AnyCell, Hashable, int]], seed: int) -> dict[AnyCell, list[int]]:
-    """Seeds of every cell: the same for cells with the same company, others for others.
+    def make_policy(self, cell: Cell, env: gym.Env, seed: int) -> Policy:
+        return POLICIES[cell.policy](env.unwrapped, seed)
 
-    Args:
-        wanted: Cells, each with what it shares its seeds with and its number of episodes, at most :data:`SPACING`.
-        seed: The first one.
-    """
-    first: dict[Hashable, int] = {}
-    seeds: dict[AnyCell, list[int]] = {}
-    for cell, company, episodes in wanted:
-        start = first.setdefault(company, seed + SPACING * len(first))
-        if episodes > len(seeds.get(cell, ())):
-            seeds[cell] = list(range(start, start + episodes))
-    return seeds
+    def measure(self, cell: Cell, seed: int, trace: Trace, robot: RobotModel, begin: float) -> StressRow:
+        counts = np.bincount(trace.status, minlength=len(Status)).tolist()
+        stops = trace.reason[trace.status == Status.FAILSAFE].tolist()
+        faults = map(one_line, trace.reason[trace.status == Status.FAULT].tolist())
+        return StressRow(
+            *cell,
+            seed,
+            steps=len(trace.time),
+            contact=bool((trace.distance <= 0.0).any()),
+            moving_contact=bool((trace.contact_speed > MOVING).any()),
+            contact_speed=float(trace.contact_speed.max()),
+            min_distance=float(trace.distance.min()),
+            violations=int(trace.limit_violation.sum()),
+            excess=max(Excess.of(states_of(trace), trace.jerk, robot.limits)),
+            nominal=counts[Status.NOMINAL],
+            projected=counts[Status.PROJECTED],
+            relaxed=counts[Status.RELAXED],
+            failsafe=counts[Status.FAILSAFE],
+            faulty=counts[Status.FAULT],
+            no_stop=sum(reason.startswith("no stop") for reason in stops),
+            interventions=int(trace.intervened.sum()),
+            first_fault=next(filter(None, faults), ""),
+            joint_speed=float(np.linalg.norm(trace.velocity, axis=1).mean()),
+            wall=time.perf_counter() - begin,
+            digest=digest_of(trace),
+        )
+
+    def origin(self, cell: Cell, seed: int, digest: str) -> dict[str, Any]:
+        return {"seed": seed, "task": self.task, **cell._asdict()}
+
+    def spoiled(self, cell: Cell) -> bool:
+        return cell.fault != "none"
+
+    def doubts(self, row: StressRow) -> bool:
+        suspicious = row.contact_speed > _SUSPICIOUS or row.violations > 0
+        return (suspicious and contender(row.filter).promises) or drawn(row.cell, row.seed, self.judge)
+
+    def judged(self, row: StressRow, again: Trace, verdict: Judgement) -> StressRow:
+        return replace(
+            row,
+            judged=True,
+            agrees=digest_of(again) == row.digest and verdict.same_course,
+            judged_speed=verdict.contact_speed,
+            judged_excess=max(verdict.excess),
+            overlaps=len(verdict.self_collisions) + len(verdict.plane_collisions),
+        )
+
+
+def drawn(cell: Cell, seed: int, share: float) -> bool:
+    """Whether an episode is among the share that is judged anyway: the same ones in every run."""
+    number = hashlib.sha256(repr((tuple(cell), seed)).encode()).digest()
+    return int.from_bytes(number[:6], "big") < share * 2**48
 
 
 _CALM = ("constant_velocity", "approach_retreat", "random", "walk_by")

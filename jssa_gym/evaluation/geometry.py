@@ -84,13 +84,14 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
     half_spaces = plane_records(Planes(trace.plane_normal, trace.plane_offset, trace.plane_names))
     frames, segments, pairs = records(n, FRAME), records((count, m), SEGMENT), records((count, m, k), PAIR)
     motion, rows, normals = np.zeros((count, m * k, 4)), np.zeros((m * k, n)), np.zeros((count, m * k, 3))
+    index = np.array(IndexParams().kernel()._replace(d_min=trace.d_min), np.float64)
     tool, tip = np.zeros((2, 3)), np.empty((count + 1, 3))
     forward(robot.links, state[0], frames)
     tool_motion(frames, robot.tool_link, robot.tool_offset, tool)
     tip[0] = tool[0]
     for t in range(count):
         derivatives(
-            robot.links, robot.capsules, state[t + 1], agents[t], frames, segments[t], pairs[t], motion[t], rows,
+            robot.links, robot.capsules, state[t + 1], agents[t], index, frames, segments[t], pairs[t], motion[t], rows,
             normals[t],
         )  # fmt: skip
         tool_motion(frames, robot.tool_link, robot.tool_offset, tool)
@@ -100,8 +101,7 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
     measure_self(segments.reshape(-1), _in_each(robot.self_pairs, count, m), own.reshape(-1))
     plans = _stops(state[1:], bounds, trace.dt)
     shift = _shift(robot, along_stop(state[1:], plans, trace.dt, np.inf), segments)
-    normals, (distance, rate, curvature, _), index = normals.reshape(count, m, k, 3), motion.T, IndexParams()
-    phi = trace.d_min**2 - distance * np.abs(distance) - index.lambda1 * rate - index.lambda2 * curvature
+    normals = normals.reshape(count, m, k, 3)
     human_approach = _component("tkx,tmkx->tmk", agents["start_velocity"], agents["end_velocity"], pairs["r"], normals)
     return Geometry(
         tip,
@@ -113,7 +113,7 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
         human_approach,
         (plans["ramp"] + plans["hold"] + plans["release"]).max(axis=1) * trace.dt,
         np.maximum(-_component("tmx,tmkx->tmk", shift[:, 0], shift[:, 1], pairs["s"], normals), 0.0),
-        phi.max(axis=0, initial=-np.inf),
+        pairs["phi"].max(axis=(1, 2), initial=-np.inf),
         false_interventions(trace, robot, state, bounds, agents, half_spaces),
         _touches(segments, agents, pairs),
     )

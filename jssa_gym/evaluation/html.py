@@ -11,9 +11,9 @@ import numpy as np
 
 from jssa_gym.evaluation.leaderboard import PAIRED_MEANS, PAIRED_RATES, Standing, profile, standings
 from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.evaluation.plans import Study
 from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
+from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.svg import Markup, Panel, colour, dashes, marker, tag
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted

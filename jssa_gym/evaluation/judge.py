@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.evaluation.judgement import Contact, Excess, Judgement, Overlap
 from jssa_gym.evaluation.oracle import FAR, Oracle
+from jssa_gym.evaluation.spans import spans
 from jssa_gym.evaluation.trace import every_step
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import JointLimits, RobotModel
@@ -62,13 +63,13 @@ def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: floa
             *(float(speed[span, pair].max()) for speed in speeds),
         )
         for pair, (i, j) in enumerate(human)
-        for span in _spans(human_distance[:, pair])
+        for span in _touching(human_distance[:, pair])
     ]
     self_collisions, plane_collisions = (
         tuple(
             Overlap(*_overlap(names[i], others[j], motion.time[span], of[span, pair]))
             for pair, (i, j) in enumerate(pairs)
-            for span in _spans(of[:, pair])
+            for span in _touching(of[:, pair])
         )
         for pairs, others, of in ((own, names, own_distance), (solid, trace.plane_names, solid_distance))
     )
@@ -90,7 +91,7 @@ def judge(trace: Trace, robot: RobotModel, *, substeps: int = 8, tolerance: floa
         contacts=tuple(sorted(contacts, key=lambda contact: contact.start)),
         self_collisions=self_collisions,
         plane_collisions=plane_collisions,
-        excess=_excess(motion.state, trace.jerk, robot.limits),
+        excess=Excess.of(motion.state, trace.jerk, robot.limits),
         tolerance=tolerance,
     )
 
@@ -186,22 +187,10 @@ def _contact_speeds(
     return speed, approach, human_approach
 
 
-def _spans(distance: Array) -> list[slice]:
+def _touching(distance: Array) -> list[slice]:
     """Where a distance (s,) is not positive."""
-    edges = np.flatnonzero(np.diff((~(distance > 0.0)).astype(int), prepend=0, append=0))
-    return [slice(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+    return [slice(*span) for span in spans(~(distance > 0.0))]
 
 
 def _overlap(one: str, other: str, time: Array, distance: Array) -> tuple[str, str, float, float, float]:
     return one, other, float(time[0]), float(time[-1]), float(-distance.min())
-
-
-def _excess(state: Array, jerk: Array, limits: JointLimits) -> Excess:
-    low, high = limits.position.T
-    beyond = np.maximum(state[:, 0] - high, low - state[:, 0]) / (high - low)
-    return Excess(
-        float(beyond.max()),
-        float((np.abs(state[:, 1]) / limits.velocity).max() - 1.0),
-        float((np.abs(state[:, 2]) / limits.acceleration).max() - 1.0),
-        float((np.abs(jerk) / limits.jerk).max() - 1.0),
-    )

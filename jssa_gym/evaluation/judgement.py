@@ -3,7 +3,11 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from jssa_gym.envs.arm import MOVING
+from jssa_gym.robots import JointLimits
+from jssa_gym.types import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +64,17 @@ class Excess(NamedTuple):
     velocity: float
     acceleration: float
     jerk: float
+
+    @classmethod
+    def of(cls, state: Array, jerk: Array, limits: JointLimits) -> "Excess":
+        """Of states (s, 3, n) and jerks (T, n)."""
+        low, high = limits.position.T
+        return cls(
+            float((np.maximum(state[:, 0] - high, low - state[:, 0]) / (high - low)).max()),
+            float((np.abs(state[:, 1]) / limits.velocity).max() - 1.0),
+            float((np.abs(state[:, 2]) / limits.acceleration).max() - 1.0),
+            float((np.abs(jerk) / limits.jerk).max() - 1.0),
+        )
 
 
 @dataclass(frozen=True, slots=True)

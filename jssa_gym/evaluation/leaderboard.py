@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jssa_gym.evaluation.plans import Setting
-from jssa_gym.evaluation.play import Scored
 from jssa_gym.evaluation.report import Report, column
+from jssa_gym.evaluation.rows import EvaluationRow, Setting
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, mean_difference, paired_difference
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.types import Array
@@ -78,7 +77,7 @@ def _rank(one: Standing) -> tuple[int, int, int]:
     return -rates["success_and_safe_rate"].k, rates["moving_contact_rate"].k, rates["collision_rate"].k
 
 
-def _trial(episode: Scored) -> tuple[str, str, str, int]:
+def _trial(episode: EvaluationRow) -> tuple[str, str, str, int]:
     return episode.task, episode.human, episode.policy, episode.seed
 
 

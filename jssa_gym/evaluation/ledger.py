@@ -7,13 +7,14 @@ import importlib.metadata
 import io
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, get_args, get_type_hints
+from typing import Any, Generic, NamedTuple, get_args, get_type_hints
 
+from jssa_gym.evaluation.plan import AnyRow, EpisodePlan
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.storage import append_whole, file_name, read_text, refused, whole_lines, write_whole
+from jssa_gym.storage import append_whole, read_text, refused, whole_lines, write_whole
 
 _TELLING = (
     "cli",
@@ -27,7 +28,6 @@ _TELLING = (
     "evaluation/report.py",
     "evaluation/statistics.py",
     "evaluation/svg.py",
-    "evaluation/tally.py",
 )
 """Parts of the package that only tell of episodes; all others decide how one goes or how it is judged."""
 
@@ -51,57 +51,11 @@ def package_version() -> str:
         return "unknown"
 
 
-def trace_name(cell: Sequence[str], seed: int) -> str:
-    """Name of the file with an episode's recording."""
-    return f"{file_name('-'.join(part for part in cell if part))}-{seed}.npz"
+class Chunk(NamedTuple, Generic[AnyRow]):
+    """Episodes of one cell that are played together."""
 
-
-class EpisodePlan(Protocol):
-    """What is to be played."""
-
-    def seeds(self) -> Mapping[Any, Sequence[int]]:
-        """Seeds of every kind of episode."""
-        ...
-
-    def config(self) -> dict[str, Any]:
-        """All that decides about the results, as JSON can hold it."""
-        ...
-
-
-class Row(Protocol):
-    """A line of the table: a dataclass of strings, numbers and yes or no, and of dataclasses of such."""
-
-    @property
-    def seed(self) -> int:
-        """Of the episode."""
-        ...
-
-    @property
-    def cell(self) -> Any:
-        """What kind of episode it is."""
-        ...
-
-    @property
-    def severity(self) -> Any:
-        """For keeping the worst: the larger, the worse."""
-        ...
-
-    @property
-    def trace_name(self) -> str:
-        """Name of the file with its recording."""
-        ...
-
-
-AnyPlan = TypeVar("AnyPlan", bound=EpisodePlan)
-AnyCell = TypeVar("AnyCell")
-AnyRow = TypeVar("AnyRow", bound=Row)
-
-
-class Chunk(NamedTuple, Generic[AnyPlan, AnyCell]):
-    """Episodes of one kind that are played together."""
-
-    plan: AnyPlan
-    cell: AnyCell
+    plan: EpisodePlan[AnyRow]
+    cell: Any
     seeds: Sequence[int]
     traces: Path
     """Folder for recordings."""
@@ -113,7 +67,41 @@ def _differs(name: str, known: Any, asked: Any) -> str:
     return f"{name}: {known} there, {asked} asked for" if short else name
 
 
-class Ledger(Generic[AnyPlan, AnyRow]):
+class Results(Generic[AnyRow]):
+    """Episodes of a plan as they come, and what is left to play.
+
+    Args:
+        plan: What is played.
+    """
+
+    def __init__(self, plan: EpisodePlan[AnyRow]) -> None:
+        self.plan = plan
+        self.episodes: list[AnyRow] = []
+        self.traces = Path()
+        """Folder for recordings."""
+
+    def append(self, episodes: Sequence[AnyRow]) -> None:
+        """Add episodes."""
+        self.episodes += episodes
+
+    def by_cell(self) -> dict[Any, list[AnyRow]]:
+        """All episodes in the order of the plan, whoever finished first."""
+        found: dict[Any, list[AnyRow]] = {cell: [] for cell in self.plan.seeds()}
+        for episode in sorted(self.episodes, key=lambda episode: episode.seed):
+            found[episode.cell].append(episode)
+        return found
+
+    def chunks(self, size: int) -> list[Chunk[AnyRow]]:
+        """What is left to play, at most ``size`` episodes of one cell together."""
+        done = {(episode.cell, episode.seed) for episode in self.episodes}
+        chunks = []
+        for cell, seeds in self.plan.seeds().items():
+            left = [seed for seed in seeds if (cell, seed) not in done]
+            chunks += [Chunk(self.plan, cell, left[k : k + size], self.traces) for k in range(0, len(left), size)]
+        return chunks
+
+
+class Ledger(Results[AnyRow]):
     """Configuration and episodes of a campaign in a folder.
 
     ``campaign.json`` says what is tried and with which code; ``episodes.csv`` grows by a whole chunk at a time.
@@ -123,20 +111,17 @@ class Ledger(Generic[AnyPlan, AnyRow]):
     Args:
         folder: It is made if there is none.
         plan: What is tried.
-        row: Class of an episode: a line of the table.
-        version: Of the package.
 
     Raises:
         ParameterError: The folder cannot be used, or holds another campaign or one of other code.
     """
 
-    def __init__(self, folder: Path, plan: AnyPlan, row: type[AnyRow], version: str) -> None:
-        self.folder, self.plan, self.row = folder, plan, row
-        self.table, self.traces = folder / "episodes.csv", folder / "traces"
-        self.episodes: list[AnyRow] = []
-        self._names = _columns(row)
+    def __init__(self, folder: Path, plan: EpisodePlan[AnyRow]) -> None:
+        super().__init__(plan)
+        self.folder, self.table, self.traces = folder, folder / "episodes.csv", folder / "traces"
+        self._names = _columns(plan.row)
         self._size = 0
-        config = {**json.loads(json.dumps(plan.config())), "version": version, "source": source_hash()}
+        config = {**json.loads(json.dumps(plan.config())), "version": package_version(), "source": source_hash()}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._settle(config)
@@ -172,7 +157,7 @@ class Ledger(Generic[AnyPlan, AnyRow]):
             rows = csv.reader(io.StringIO(whole.decode(), newline=""))
             if whole and next(rows) != self._names:
                 raise ParameterError(f"{self.table} has other columns than this version writes")
-            self.episodes = [_parse(self.row, iter(_fitting(row, self._names))) for row in rows]
+            self.episodes = [_parse(self.plan.row, iter(_fitting(row, self._names))) for row in rows]
         planned = {(cell, seed) for cell, seeds in self.plan.seeds().items() for seed in seeds}
         for episode in self.episodes:
             if (episode.cell, episode.seed) not in planned:
@@ -199,29 +184,12 @@ class Ledger(Generic[AnyPlan, AnyRow]):
         if size is None:
             raise ParameterError(f"another process writes to {self.table}; choose another folder")
         self._size = size
-        self.episodes += episodes
-
-    def ordered(self) -> list[AnyRow]:
-        """All episodes in the order of the plan, whoever finished first."""
-        place = {cell: k for k, cell in enumerate(self.plan.seeds())}
-        return sorted(self.episodes, key=lambda episode: (place[episode.cell], episode.seed))
+        super().append(episodes)
 
     def keep_worst(self, recorded: Sequence[AnyRow], count: int) -> None:
         """Delete all recordings but those of the worst of some episodes."""
         for episode in worst(recorded, len(recorded))[count:]:
             (self.traces / episode.trace_name).unlink(missing_ok=True)
-
-    def chunks(self, size: int) -> list[Chunk[AnyPlan, Any]]:
-        """What is left to play, at most ``size`` episodes of one cell together."""
-        done: dict[Any, set[int]] = {}
-        for episode in self.episodes:
-            done.setdefault(episode.cell, set()).add(episode.seed)
-        chunks = []
-        for cell, seeds in self.plan.seeds().items():
-            left = [seed for seed in seeds if seed not in done.get(cell, ())]
-            for k in range(0, len(left), size):
-                chunks.append(Chunk(self.plan, cell, left[k : k + size], self.traces))
-        return chunks
 
 
 def worst(episodes: Sequence[AnyRow], count: int) -> list[AnyRow]:

@@ -148,7 +148,7 @@ def summarise(
             "the rows of the episode are not one control step apart; a policy that acts more slowly has to repeat its "
             "actions itself, without ActionRepeat"
         )
-    steps = summarise_steps(steps_of(trace), v_safe)
+    steps = summarise_steps(_steps(trace), v_safe)
     low, high = limits.position.T
     slack = _ROUNDING * (high - low)
     outside = np.any((trace.position < low - slack) | (trace.position > high + slack), axis=1)
@@ -215,26 +215,9 @@ def summarise(
     )
 
 
-def steps_of(trace: Trace) -> Steps:
-    """What a trace says step by step."""
-    return Steps(
-        trace.dt,
-        trace.d_min,
-        trace.holds,
-        trace.ended,  # ty: ignore[invalid-argument-type]  # checked when it was made
-        trace.reward,
-        trace.success,
-        trace.distance,
-        trace.contact,
-        trace.contact_speed,
-        trace.limit_violation,
-        trace.status,
-        (trace.status != Status.NOMINAL) & (trace.reason != OUTSIDE),
-        trace.intervened,
-        trace.correction,
-        trace.phi,
-        trace.slack,
-    )
+def _steps(trace: Trace) -> Steps:
+    told = {name: getattr(trace, name) for name in Steps._fields if name != "triggered"}
+    return Steps(**told, triggered=(trace.status != Status.NOMINAL) & (trace.reason != OUTSIDE))
 
 
 def _faults(trace: Trace, seen: Geometry, v_safe: float) -> tuple[int, int, int]:

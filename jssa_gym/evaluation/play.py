@@ -1,83 +1,46 @@
-"""Episodes of an evaluation: played and recorded, put into numbers."""
+"""Episodes are played here: recorded, put into numbers and, where a plan asks for it, judged by MuJoCo."""
 
+import logging
 import shlex
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, Generic
 
 from jssa_gym.envs.arm import ArmEnv
-from jssa_gym.evaluation.blocked import fault_of
 from jssa_gym.evaluation.contenders import PEOPLE
-from jssa_gym.evaluation.episodes import POLICY_SEEDS, digest
-from jssa_gym.evaluation.geometry import geometry
 from jssa_gym.evaluation.identity import code_version
-from jssa_gym.evaluation.ledger import Chunk, trace_name
-from jssa_gym.evaluation.metrics import Summary, summarise
-from jssa_gym.evaluation.plans import Setting, Single, Study, make_policy
+from jssa_gym.evaluation.judge import judge
+from jssa_gym.evaluation.ledger import Chunk
+from jssa_gym.evaluation.plan import AnyRow, EpisodePlan
 from jssa_gym.evaluation.rollout import rollout
+from jssa_gym.evaluation.rows import Setting, digest_of, trace_name
+from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.types import Trace
 from jssa_gym.validation import known_name
 
-AnyStudy = Study | Single
+_POLICY_SEEDS = 10**9
+"""Added to an episode's seed: what policy and people draw must have nothing in common."""
 
 
-@dataclass(frozen=True, slots=True)
-class Scored:
-    """One episode of an evaluation in numbers."""
-
-    task: str
-    filter: str
-    human: str
-    policy: str
-    seed: int
-    summary: Summary
-    fault: str
-    """The most frequent reason of its FAULTs; empty without any."""
-    digest: str
-    """SHA-256 of states, jerks and statuses."""
-    wall: float
-    """Time that it took [s]."""
-
-    @property
-    def cell(self) -> Setting:
-        """What kind of episode it is."""
-        return Setting(self.task, self.filter, self.human, self.policy)
-
-    @property
-    def severity(self) -> tuple[float, float, float]:
-        """For keeping the worst: by the speed of a moving contact, then by limits exceeded, then by distance."""
-        summary = self.summary
-        # the speed of an arm at rest is rounding
-        return (
-            summary.contact_speed if summary.moving_contact else 0.0,
-            summary.limit_violation_rate,
-            -summary.min_distance,
-        )
-
-    @property
-    def trace_name(self) -> str:
-        """Name of the file with its recording."""
-        return trace_name(self.cell, self.seed)
-
-
-class Player:
-    """One setting's environment, in which its episodes are played one after the other.
+class Player(Generic[AnyRow]):
+    """One cell's environment, in which its episodes are played one after the other.
 
     Args:
-        plan: What is evaluated.
-        setting: Which of its settings.
+        plan: What is played.
+        cell: Which of its cells.
+
+    Raises:
+        InterfaceError: The environment is none of this package.
     """
 
-    def __init__(self, plan: AnyStudy, setting: Setting) -> None:
-        self.plan, self.setting = plan, setting
-        self.env = plan.build(setting)
+    def __init__(self, plan: EpisodePlan[AnyRow], cell: Any) -> None:
+        self.plan, self.cell = plan, cell
+        self.env = plan.make_env(cell)
         base = self.env.unwrapped
         if not isinstance(base, ArmEnv):
             raise InterfaceError(
@@ -87,58 +50,61 @@ class Player:
         self.robot = base.robot
 
     def record(self, seed: int) -> Trace:
-        """One episode."""
+        """One episode, recorded."""
         # policies see the truth: what they are told must not depend on the shield's sensor
-        policy = make_policy(
-            self.plan.policy(self.setting),
-            self.env.unwrapped,
-            POLICY_SEEDS + seed,
-            seen=self.env,
-            trust_pickle=self.plan.trust_pickle,
-        )
-        self.plan.check_policy(self.setting)  # what was read, after it was read
-        name = f"{', '.join(part for part in self.setting if part)}, seed {seed}"
+        policy = self.plan.make_policy(self.cell, self.env, _POLICY_SEEDS + seed)
+        name = f"{', '.join(part for part in self.cell if part)}, seed {seed}"
         return rollout(self.env, policy, seed=seed, steps=self.plan.steps, name=name)
 
-    def score(self, seed: int) -> Scored:
+    def measure(self, seed: int) -> AnyRow:
         """One episode in numbers."""
-        begin, plan = time.perf_counter(), self.plan
-        trace = self.record(seed)
-        summary = summarise(
-            trace, self.robot.limits, geometry(trace, self.robot), v_safe=plan.v_safe, separation=plan.separation
-        )
-        return Scored(*self.setting, seed, summary, fault_of(trace), digest_of(trace), time.perf_counter() - begin)
+        begin = time.perf_counter()
+        return self.plan.measure(self.cell, seed, self.record(seed), self.robot, begin)
+
+    def save(self, trace: Trace, seed: int, folder: Path) -> tuple[Path, str]:
+        """Keep an episode's recording in a folder; its path and digest."""
+        path, digest = folder / trace_name(self.cell, seed), digest_of(trace)
+        folder.mkdir(parents=True, exist_ok=True)
+        save_trace(trace, path, self.plan.origin(self.cell, seed, digest) | code_version())
+        return path, digest
 
 
-def digest_of(trace: Trace) -> str:
-    """SHA-256 of an episode's states, jerks and statuses."""
-    states = np.stack([trace.position, trace.velocity, trace.acceleration], axis=1)
-    return digest(states, trace.jerk, trace.status)
+def play(chunk: Chunk[AnyRow]) -> Iterator[AnyRow]:
+    """Play episodes of one cell: record, measure and, where the plan has doubts, play again, judge and keep."""
+    plan, cell = chunk.plan, chunk.cell
+    with _warnings_unsaid(plan.spoiled(cell)):
+        player = Player(plan, cell)
+        for seed in chunk.seeds:
+            row = player.measure(seed)
+            if plan.doubts(row):
+                trace = player.record(seed)
+                row = plan.judged(row, trace, judge(trace, player.robot))
+                if row.broken:
+                    player.save(trace, seed, chunk.traces)
+            yield row
 
 
-def score(chunk: Chunk[AnyStudy, Setting]) -> Iterator[Scored]:
-    """Play episodes of one setting."""
+def record(chunk: Chunk) -> Iterator[tuple[Path, str]]:
+    """Play episodes of one cell again and keep their recordings; paths and digests."""
     player = Player(chunk.plan, chunk.cell)
     for seed in chunk.seeds:
-        yield player.score(seed)
+        yield player.save(player.record(seed), seed, chunk.traces)
 
 
-def record(chunk: Chunk[AnyStudy, Setting]) -> Iterator[tuple[Path, str]]:
-    """Play episodes of one setting again and save their recordings; paths and digests."""
-    player = Player(chunk.plan, chunk.cell)
-    chunk.traces.mkdir(parents=True, exist_ok=True)
-    for seed in chunk.seeds:
-        trace = player.record(seed)
-        path, told = chunk.traces / trace_name(chunk.cell, seed), digest_of(trace)
-        save_trace(trace, path, meta_of(chunk.plan, chunk.cell, seed, told))
-        yield path, told
+@contextmanager
+def _warnings_unsaid(unsaid: bool) -> Generator[None]:
+    """What a shield says aloud of what is wrong for good is no news where it is made wrong."""
 
+    def news(record: logging.LogRecord) -> bool:
+        return record.levelno > logging.WARNING
 
-def meta_of(plan: AnyStudy, setting: Setting, seed: int, told: str) -> dict[str, Any]:
-    """Where a recording comes from, for :func:`played_again`, and which code made it."""
-    named = isinstance(plan, Study)
-    played = {**setting._asdict(), "seed": seed, "steps": plan.steps, "digest": told, "named": named}
-    return played | code_version()
+    logger = logging.getLogger("jssa_gym")
+    if unsaid:
+        logger.addFilter(news)
+    try:
+        yield
+    finally:
+        logger.removeFilter(news)
 
 
 def recorded_setting(meta: Mapping[str, Any], policy: str | None = None) -> Setting:
@@ -176,7 +142,7 @@ def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pi
 
     Args:
         meta: Of the recording.
-        policy: Instead of the one that it names, as :func:`~jssa_gym.evaluation.plans.make_policy` takes it.
+        policy: Instead of the one that it names, as :func:`~jssa_gym.evaluation.policy.make_policy` takes it.
         trust_pickle: If its policy is a file, see :func:`~jssa_gym.policies.load_policy`.
 
     Raises:

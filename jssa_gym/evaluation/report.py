@@ -1,4 +1,4 @@
-"""What the episodes of an evaluation amount to, setting by setting."""
+"""What episodes amount to: those of an evaluation in a report a setting, those of a campaign in a tally a group."""
 
 import dataclasses
 import json
@@ -12,12 +12,12 @@ import numpy as np
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.definitions import Metric, metrics_of
 from jssa_gym.evaluation.metrics import Summary
-from jssa_gym.evaluation.plans import Setting
-from jssa_gym.evaluation.play import Scored
+from jssa_gym.evaluation.rows import Cell, EvaluationRow, Setting, StressRow
 from jssa_gym.evaluation.statistics import Mean, Rate, means
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
 from jssa_gym.types import Array
+from jssa_gym.validation import known_name
 
 METRICS: tuple[Metric, ...] = tuple(metrics_of(Summary))
 """All metrics of an episode."""
@@ -28,7 +28,7 @@ class Report:
     """Episodes of one setting: rates with Clopper-Pearson, means with bootstrap 95 % intervals."""
 
     setting: Setting
-    episodes: tuple[Scored, ...]
+    episodes: tuple[EvaluationRow, ...]
     """In the order of settings and seeds."""
     rates: dict[str, Rate]
     """Of the yes-or-no metrics, by :attr:`~jssa_gym.evaluation.definitions.Metric.over_episodes`."""
@@ -40,7 +40,7 @@ class Report:
     """Seeds among them that went otherwise when they were played again: something draws without a seed."""
 
     @classmethod
-    def of(cls, episodes: Sequence[Scored], setting: Setting | None = None) -> "Report":
+    def of(cls, episodes: Sequence[EvaluationRow], setting: Setting | None = None) -> "Report":
         """The report about some episodes, at least one.
 
         Args:
@@ -107,7 +107,7 @@ class Report:
         return "\n".join(lines)
 
 
-def column(episodes: Sequence[Scored], name: str) -> Array:
+def column(episodes: Sequence[EvaluationRow], name: str) -> Array:
     """A metric of every episode, shape (n,); NaN where there is none."""
     values = (getattr(episode.summary, name) for episode in episodes)
     return np.array([np.nan if value is None else float(value) for value in values])
@@ -116,3 +116,79 @@ def column(episodes: Sequence[Scored], name: str) -> Array:
 def write_reports(path: Path, reports: Sequence[Report]) -> None:
     """Write reports as JSON into a file that is complete or not there."""
     write_whole(path, json.dumps([report.as_dict() for report in reports], indent=2, allow_nan=False) + "\n")
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Episodes that have something in common; rates of episodes with Clopper-Pearson 95 % intervals."""
+
+    group: tuple[str, ...]
+    """What they have in common."""
+    contacts: Rate
+    """Any contact."""
+    moving: Rate
+    """A contact with a touching point of the arm faster than 1e-3 m/s, at a tick or seen by MuJoCo between."""
+    violations: Rate
+    """A joint limit exceeded, at a tick or seen by MuJoCo between."""
+    contact_speed: float
+    """Largest [m/s]."""
+    excess: float
+    """By what share of its limit a joint exceeded it at most; 0 if none did."""
+    stored: float
+    """Share of the ticks in which a stored stop went on and nothing was faulty."""
+    faulty: float
+    """Share of the ticks with a FAULT."""
+    intervened: float
+    """Share of the ticks with an intervention."""
+    no_stop: float
+    """Share of the ticks in which the wanted jerk had no stop inside the joint limits."""
+    joint_speed: float
+    """Mean Euclidean norm of the joint velocities [rad/s]."""
+    judged: int
+    """Episodes that MuJoCo judged."""
+    disagreements: int
+    """Of them, those in which it found something else."""
+    overlaps: int
+    """Of them, those in which the arm met the table or itself."""
+
+
+def tally(episodes: Sequence[StressRow], by: Sequence[str]) -> list[Tally]:
+    """Group episodes and count.
+
+    Args:
+        episodes: Of one campaign.
+        by: What makes a group: fields of :class:`~jssa_gym.evaluation.rows.Cell`.
+
+    Returns:
+        A tally a group, in the order in which the groups appear.
+
+    Raises:
+        ParameterError: ``by`` names something else.
+    """
+    for name in by:
+        known_name("column to group by", name, Cell._fields)
+    groups: dict[tuple[str, ...], list[StressRow]] = {}
+    for episode in episodes:
+        groups.setdefault(tuple(getattr(episode, name) for name in by), []).append(episode)
+    return [_tally(group, members) for group, members in groups.items()]
+
+
+def _tally(group: tuple[str, ...], episodes: Sequence[StressRow]) -> Tally:
+    count, ticks = len(episodes), sum(e.steps for e in episodes)
+    judged = [e for e in episodes if e.judged]
+    return Tally(
+        group,
+        contacts=Rate.of(sum(e.contact for e in episodes), count),
+        moving=Rate.of(sum(e.touched_moving for e in episodes), count),
+        violations=Rate.of(sum(e.exceeds for e in episodes), count),
+        contact_speed=max(max(e.contact_speed, e.judged_speed) for e in episodes),
+        excess=max(0.0, *(max(e.excess, e.judged_excess) for e in episodes)),
+        stored=sum(e.failsafe for e in episodes) / ticks,
+        faulty=sum(e.faulty for e in episodes) / ticks,
+        intervened=sum(e.interventions for e in episodes) / ticks,
+        no_stop=sum(e.no_stop for e in episodes) / ticks,
+        joint_speed=float(np.mean([e.joint_speed for e in episodes])),
+        judged=len(judged),
+        disagreements=sum(not e.agrees for e in judged),
+        overlaps=sum(e.overlaps > 0 for e in judged),
+    )

@@ -30,7 +30,8 @@ class _Stopwatch(SafetyFilter):
         return decision
 
 
-def _shield_of(env: gym.Env) -> Shield | None:
+def shield_of(env: gym.Env) -> Shield | None:
+    """The shield among an environment's wrappers."""
     layer: Any = env
     while isinstance(layer, gym.Wrapper):
         if isinstance(layer, Shield):
@@ -82,7 +83,7 @@ def rollout(
         name: Of the trace.
     """
     base: Any = env.unwrapped
-    shield = _shield_of(env)
+    shield = shield_of(env)
     watch = None
     if shield is not None:
         watch = _Stopwatch(shield.filter)

@@ -1,4 +1,4 @@
-"""Evaluations: play what is left, keep the worst, report."""
+"""Plans are finished here: what is left is played; of evaluations the worst is kept, and all is reported."""
 
 import logging
 import pickle
@@ -11,11 +11,13 @@ import gymnasium as gym
 
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.blocked import warning
-from jssa_gym.evaluation.ledger import Chunk, Ledger, package_version, worst
+from jssa_gym.evaluation.ledger import Chunk, Ledger, Results, worst
 from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.evaluation.plans import Setting, Single
-from jssa_gym.evaluation.play import AnyStudy, Scored, record, score
+from jssa_gym.evaluation.plan import AnyRow
+from jssa_gym.evaluation.play import play, record
 from jssa_gym.evaluation.report import Report, write_reports
+from jssa_gym.evaluation.rows import EvaluationRow
+from jssa_gym.evaluation.study import Evaluation, Single
 from jssa_gym.evaluation.trace import read_meta
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, TraceError
@@ -24,7 +26,7 @@ from jssa_gym.validation import positive_integer, whole_number
 _logger = logging.getLogger("jssa_gym")
 
 _CHUNK = 10
-"""Most episodes of one setting played together: what a crash loses at most, for every job."""
+"""Most episodes of one cell played together: what a crash loses at most, for every job."""
 
 Progress = Callable[[int, int], Any]
 """Called with the number of episodes played so far and of all."""
@@ -51,7 +53,7 @@ def evaluate(
     Args:
         env: An id, a function that makes an environment, or, with one job, an environment. Ids of this package run to
             the horizon unless ``env_kwargs`` has ``terminate_on``.
-        policy: See :func:`~jssa_gym.evaluation.plans.make_policy`: a name, a file, ``"module:factory"``, a
+        policy: See :func:`~jssa_gym.evaluation.policy.make_policy`: a name, a file, ``"module:factory"``, a
             model with ``predict`` or a callable.
         episodes: How many.
         seed: First seed; episode k has seed + k, so that two evaluations with the same seed are paired.
@@ -89,7 +91,7 @@ def evaluate(
 
 
 def complete(
-    plan: AnyStudy, folder: Path | None, *, jobs: int = 1, keep: int = 1, progress: Progress | None = None
+    plan: Evaluation, folder: Path | None, *, jobs: int = 1, keep: int = 1, progress: Progress | None = None
 ) -> list[Report]:
     """Play what is left of a plan and report on all of it, a report a setting.
 
@@ -107,43 +109,41 @@ def complete(
     keep = whole_number("keep", keep)
     if jobs > 1:
         _check_sendable(plan)
-    ledger = None if folder is None else Ledger(folder, plan, Scored, package_version())
-    seeds = plan.seeds()
-    total = sum(len(some) for some in seeds.values())
-    played: list[Scored] = []
-    # small enough that nobody waits for the last one
-    size = min(_CHUNK, max(1, total // (4 * jobs)))
-    if ledger is None:
-        chunks = [
-            Chunk(plan, setting, some[k : k + size], Path())
-            for setting, some in seeds.items()
-            for k in range(0, len(some), size)
-        ]
-    else:
-        chunks, played = ledger.chunks(size), ledger.episodes
+    results = Results(plan) if folder is None else Ledger(folder, plan)
+    total = plan.total()
 
-    def done(episodes: list[Scored]) -> None:
-        if ledger is None:
-            played.extend(episodes)
-        else:
-            ledger.append(episodes)
+    def told(new: Sequence[EvaluationRow] = ()) -> None:
         if progress is not None:
-            progress(len(played), total)
+            progress(len(results.episodes), total)
 
-    if progress is not None:
-        progress(len(played), total)
-    run(score, chunks, jobs, done)
-    by_setting: dict[Setting, list[Scored]] = {setting: [] for setting in seeds}
-    for episode in played:
-        by_setting[episode.cell].append(episode)
-    reports = [Report.of(episodes) for episodes in by_setting.values()]
-    if ledger is not None:
-        reports = _with_worst(ledger, reports, keep, jobs)
-        write_reports(ledger.folder / "summary.json", reports)
+    told()
+    finish(results, jobs, told)
+    reports = [Report.of(episodes) for episodes in results.by_cell().values()]
+    if isinstance(results, Ledger):
+        reports = _with_worst(results, reports, keep, jobs)
+        write_reports(results.folder / "summary.json", reports)
     return reports
 
 
-def _with_worst(ledger: Ledger[Any, Scored], reports: Sequence[Report], keep: int, jobs: int) -> list[Report]:
+def finish(results: Results[AnyRow], jobs: int, done: Callable[[list[AnyRow]], Any]) -> None:
+    """Play what is left of a plan.
+
+    Args:
+        results: What was played already; what is played is added.
+        jobs: How many processes.
+        done: Called with every few episodes when they have been added.
+    """
+    # small enough that nobody waits for the last one
+    size = min(_CHUNK, max(1, results.plan.total() // (4 * jobs)))
+
+    def add(episodes: list[AnyRow]) -> None:
+        results.append(episodes)
+        done(episodes)
+
+    run(play, results.chunks(size), jobs, add)
+
+
+def _with_worst(ledger: Ledger[EvaluationRow], reports: Sequence[Report], keep: int, jobs: int) -> list[Report]:
     """Record the worst episodes, by playing them again: recording all would cost more than playing them."""
     chosen = {report.setting: worst(report.episodes, keep) for report in reports}
     missing = {
@@ -181,7 +181,7 @@ def _digest(path: Path) -> str | None:
         return None
 
 
-def _check_sendable(plan: AnyStudy) -> None:
+def _check_sendable(plan: Evaluation) -> None:
     if isinstance(plan, Single) and isinstance(plan.env, gym.Env):
         raise ParameterError("an environment cannot be shared between processes; give an id or a factory, or jobs=1")
     try:

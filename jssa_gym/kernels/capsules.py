@@ -104,6 +104,19 @@ def stands(segment, plane):
 
 
 @jit
+def load_agents(start, end, start_velocity, end_velocity, radius, agents):
+    """Capsules as separate arrays into records."""
+    for j in range(radius.shape[0]):
+        agent = agents[j]
+        for k in range(3):
+            agent["start"][k] = start[j, k]
+            agent["end"][k] = end[j, k]
+            agent["start_velocity"][k] = start_velocity[j, k]
+            agent["end_velocity"][k] = end_velocity[j, k]
+        agent["radius"] = radius[j]
+
+
+@jit
 def measure_agents(segments, agents, pairs):
     """Distances of all robot capsules to all agents.
 

@@ -12,19 +12,20 @@ with Eq. (10) for :math:`j`; agents keep their velocity. That the closest points
 
 from jssa_gym.kernels.capsules import measure_agents, nearest
 from jssa_gym.kernels.chain import drift_of, forward, place, point_on
-from jssa_gym.kernels.index import Index, approach
+from jssa_gym.kernels.index import approach, index_of, index_value
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.vector import cross, dot, put, subtract
 
 
 @jit
-def derivatives(links, capsules, state, agents, frames, segments, pairs, motion, rows, normals):
-    r"""Distances of all pairs and their derivatives, row-major.
+def derivatives(links, capsules, state, agents, parameters, frames, segments, pairs, motion, rows, normals):
+    r"""Distances, their derivatives and the index of all pairs, row-major.
 
     Args:
         links, capsules: The robot, shape (n,) of ``LINK`` and (m,) of ``CAPSULE``.
         state: Joint state, shape (3, n) [rad, rad/s, rad/s²].
         agents: At the present, shape (k,) of ``AGENT``.
+        parameters: Of the index, shape (6,), without the sliding term.
         frames, segments, pairs: Results, shape (n,) of ``FRAME``, (m,) of ``SEGMENT``, (m, k) of ``PAIR``.
         motion: Result, shape (m k, 4): D [m], its first and second derivative [m/s, m/s²] and the third at zero
             joint jerk [m/s³].
@@ -37,8 +38,7 @@ def derivatives(links, capsules, state, agents, frames, segments, pairs, motion,
     forward(links, state, frames)
     place(frames, capsules, segments)
     measure_agents(segments, agents, pairs)
-    # only the sliding term would matter, which is left out
-    index = Index(0.0, 0.0, 0.0, False, 1.0, 0.0)
+    index = index_of(parameters)
     for i in range(segments.shape[0]):
         segment = segments[i]
         frame = frames[segment["link"]]
@@ -50,6 +50,7 @@ def derivatives(links, capsules, state, agents, frames, segments, pairs, motion,
             drift = dot(n, drift_of(frame, subtract(point, frame["origin"])))
             # v across n is at right angles to n, so a need not be split
             drift += 3.0 * dot(at.v_side, at.a) / d - 3.0 * rate * dot(at.v_side, at.v_side) / d**2
+            pair["phi"] = index_value(pair["distance"], rate, at.curvature, index)
             out = motion[number]
             out[0], out[1], out[2], out[3] = pair["distance"], rate, at.curvature, drift
             put(normals[number], n)

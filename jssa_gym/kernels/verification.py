@@ -25,6 +25,9 @@ REST = 1e-6
 _SHORTEST = 5e-4
 """Advancement under which a gap counts as closed [s]."""
 
+_ROUNDING = 1e-9
+"""By how much a pair has to be apart for longer than another for that to be more than rounding [s]."""
+
 _LOOKS = 250
 """Most moments that are looked at before a stop counts as not verifiable."""
 
@@ -176,6 +179,23 @@ class Around(NamedTuple):
 
 
 @jit
+def _off(until, t, lasting):
+    """Whether a pair that is apart until some time cannot be what is met next, and need not be looked at [s]."""
+    return until - t - _ROUNDING > max(lasting, _SHORTEST)
+
+
+@jit
+def _apart(one, two, far):
+    """Whether two axes are farther apart than ``far`` [m]: the balls around them are, which is seen faster."""
+    between, length, width = 0.0, 0.0, 0.0
+    for i in range(3):
+        between += (one["start"][i] + one["end"][i] - two["start"][i] - two["end"][i]) ** 2
+        length += (one["end"][i] - one["start"][i]) ** 2
+        width += (two["end"][i] - two["start"][i]) ** 2
+    return between > (2.0 * far + np.sqrt(length) + np.sqrt(width)) ** 2
+
+
+@jit
 def keeps_clear(robot, motion, ticks, around, work):
     """Whether one step and the stop after it keep off everything until the arm is at rest.
 
@@ -184,15 +204,18 @@ def keeps_clear(robot, motion, ticks, around, work):
         motion: The step and the stop.
         ticks: The stop's length.
         around: What may not be met.
-        work: Scratch: ``posture`` and ``fastest`` (n,), ``frames_now`` and ``segments_now``.
+        work: Scratch: ``posture`` and ``fastest`` (n,), ``frames_now`` and ``segments_now``; ``people_off`` (m, k),
+            ``planes_off`` (m, p), ``statics_off`` (m, c) and ``self_off`` (s,).
 
     Returns:
         ``SAFE``, or what is in the way: its code, the robot's capsule, the other's number, the time of contact [s].
     """
     dt, levers, agents, margin = motion.dt, robot.levers, around.agents, around.margin
     reach, speed, touch, statics, planes = around.reach, around.growth, around.touch, around.statics, around.planes
-    fastest, frames, segments = work.fastest, work.frames_now, work.segments_now
-    self_pairs = robot.self_pairs
+    fastest, frames, segments, self_pairs = work.fastest, work.frames_now, work.segments_now, robot.self_pairs
+    # until when each pair is known to be apart: the arm only slows down, so that what a gap lasts is a promise
+    people_off, planes_off, statics_off, self_off = work.people_off, work.planes_off, work.statics_off, work.self_off
+    people_off[:], planes_off[:], statics_off[:], self_off[:] = -np.inf, -np.inf, -np.inf, -np.inf
     end, t = dt * (1 + ticks), 0.0
     for _ in range(_LOOKS):
         _posture(motion, t, work.posture, fastest)
@@ -206,34 +229,42 @@ def keeps_clear(robot, motion, ticks, around, work):
                 rate += levers[i, j] * fastest[j]
                 spin += (levers[i, j] + part["radius"]) * fastest[j]
             for k in range(agents.shape[0]):
-                if spin <= max(touch[k], REST):
+                if spin <= max(touch[k], REST) or _off(people_off[i, k], t, lasting):
                     continue
                 agent = agents[k]
                 radii = part["radius"] + agent["radius"]
+                # at a glance: even from the nearest that their ends could be, for longer than what comes first
+                far = radii + reach[k] + speed[k] * t + (rate + speed[k]) * (max(lasting, _SHORTEST) + _ROUNDING)
+                if _apart(part, agent, far):
+                    continue
                 gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
                 lasts = (gap - reach[k] - speed[k] * t) / (rate + speed[k])
                 if not (lasts > _SHORTEST):
                     return REACH, i, k, t
-                lasting = min(lasting, lasts)
+                lasting, people_off[i, k] = min(lasting, lasts), t + lasts
             if rate <= REST:
                 continue
             for k in range(planes.shape[0]):
-                if stands(part, planes[k]):
+                if _off(planes_off[i, k], t, lasting) or stands(part, planes[k]):
                     continue
                 gap, _ = plane_pair(part["start"], part["end"], part["radius"], planes[k])
                 lasts = (gap - margin) / rate
                 if not (lasts > _SHORTEST):
                     return HALF_SPACE, i, k, t
-                lasting = min(lasting, lasts)
+                lasting, planes_off[i, k] = min(lasting, lasts), t + lasts
             for k in range(statics.shape[0]):
+                if _off(statics_off[i, k], t, lasting):
+                    continue
                 static = statics[k]
                 radii = part["radius"] + static["radius"]
                 gap, _, _ = capsule_pair(part["start"], part["end"], static["start"], static["end"], radii)
                 lasts = (gap - margin) / rate
                 if not (lasts > _SHORTEST):
                     return STATIC, i, k, t
-                lasting = min(lasting, lasts)
+                lasting, statics_off[i, k] = min(lasting, lasts), t + lasts
         for k in range(self_pairs.shape[0]):
+            if _off(self_off[k], t, lasting):
+                continue
             inner, outer = self_pairs[k, 0], self_pairs[k, 1]
             if segments[inner]["link"] > segments[outer]["link"]:
                 inner, outer = outer, inner
@@ -248,7 +279,7 @@ def keeps_clear(robot, motion, ticks, around, work):
             lasts = (gap - 2.0 * margin) / rate
             if not (lasts > _SHORTEST):
                 return SELF, outer, inner, t
-            lasting = min(lasting, lasts)
+            lasting, self_off[k] = min(lasting, lasts), t + lasts
         t += lasting
         if t >= end:
             return SAFE, -1, -1, t

@@ -19,6 +19,10 @@ _AUTHORITY = 5.0
 """Pairs that the jerk bounds move by less than this normal jerk [m/s³] make no rows, as in JSSAFilter."""
 
 
+_NO_INDEX = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+"""Parameters of none: each filter has its own, and only the sliding term, left out here, would matter to the motion."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
     """All pairs, robot capsule by robot capsule: p = m k."""
@@ -69,6 +73,7 @@ def measure_pairs(robot: RobotModel, state: Array, people: NDArray) -> Pairs:
         robot.capsules,
         state,
         people,
+        _NO_INDEX,
         records(n, FRAME),
         records(m, SEGMENT),
         records((m, len(people)), PAIR),

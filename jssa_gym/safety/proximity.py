@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.kernels.capsules import measure_planes, measure_self
+from jssa_gym.kernels.capsules import load_agents, measure_planes, measure_self
 from jssa_gym.kernels.contact import observe
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
-from jssa_gym.kernels.tick import load_agents
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes

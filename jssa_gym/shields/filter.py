@@ -156,6 +156,11 @@ class SafetyFilter:
         exact, fixed = bool(np.any(settings.tolerance == 0.0)), settings.guarded or settings.static_rows
         return Reading(self.records, not settings.guarded, exact, fixed, self.assumed)
 
+    @cached_property
+    def _asks(self) -> bool:
+        """Whether :meth:`respond` proposes."""
+        return not self._compiled
+
     @property
     def lower(self) -> Array:
         """The box of the last step, shape (n,) [rad/s³]: jerk bounds, or what the viability box left of them."""
@@ -241,10 +246,10 @@ class SafetyFilter:
             self._reading.read(scene)
             view, decision = self.records.view, None
             view.nominal[0] = nominal
-            if self._compiled:
-                loop.decide_all(view.arms, view.nominal)
-            else:
+            if self._asks:
                 decision = self._ask(scene, nominal)
+            else:
+                loop.decide_all(view.arms, view.nominal)
             return self._answer(nominal, decision)
         except Exception as error:  # kernels, not the scene: that has been looked at where it is read
             return self._emergency(scene, nominal, f"the control step failed: {type(error).__name__}: {error}")
@@ -259,20 +264,23 @@ class SafetyFilter:
     def _answer(self, nominal: Array, proposed: Decision | None) -> Decision:
         """The decision that the answer in the records comes to; ``proposed`` is that of a filter that was asked."""
         view = self.records.view
-        told = Told(*view.told.item())
-        status, phi, distance, pair = _STATUSES[told.status], told.phi, told.distance, (told.row, told.column)
-        reason = ""
+        numbers, jerk = view.told.item(), view.jerk.copy()
+        status, phi, distance, row, column, slack, rows = numbers[:7]
+        if status == 0 and proposed is None:  # NOMINAL, the usual case: there is nothing to say
+            self._faults = 0
+            return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows)
+        told, pair = Told(*numbers), (row, column)
         if proposed is not None and told.chosen <= 0 and told.code in (0, codes.FOREIGN):
             reason = proposed.reason + ("; no verified stop" if told.unverified else "")
-        elif told.status:
+        else:
             reason = self._say(told, nominal)
         if proposed is not None and told.chosen > 0 and not np.isnan(phi):
-            phi, distance, pair = self._foreseen(proposed, view.jerk.copy())
+            phi, distance, pair = self._foreseen(proposed, jerk.copy())
         if told.status == Status.FAULT:
             self._count_fault(told, reason)
         else:
             self._faults = 0
-        return Decision(view.jerk.copy(), nominal, status, reason, phi, distance, pair, told.slack, told.rows)
+        return Decision(jerk, nominal, _STATUSES[status], reason, phi, distance, pair, slack, rows)
 
     def _say(self, told: Told, nominal: Array) -> str:
         """The reason in words; it is decided already, whatever names turn out to be."""

@@ -56,6 +56,8 @@ class Reading:
         """Whoever and whatever is shown next is who and what there is."""
         self.names: tuple[str, ...] | None = None
         """Of the human capsules; None while nobody knows."""
+        # whether it is settled who there is
+        self._met = False
         self.planes: tuple[str, ...] = ()
         """Names of the half-spaces."""
         self.statics: tuple[str, ...] = ()
@@ -64,11 +66,6 @@ class Reading:
         self.wrong = {"joints": "", "clock": "", "people": "", "fixtures": ""}
         """What of the last scene could not be read, and why."""
         self._spoiled = True
-
-    @property
-    def met(self) -> bool:
-        """Whether it is settled who there is."""
-        return bool(self._records.memory.arm[0]["met"])
 
     def read(self, scene: Scene | None) -> None:
         """Take down a scene; never raises."""
@@ -82,11 +79,13 @@ class Reading:
             self._spoil(view, "timed", "")
             view.now["seen"] = False
             return
-        time, _ = part_of(scene, "time")
-        robot, lost = part_of(scene, "robot")
+        try:
+            robot, time, lost = scene.robot, scene.time, ""
+        except Exception:  # whatever a perception system throws, the arm must go on safely
+            (robot, lost), (time, _) = part_of(scene, "robot"), part_of(scene, "time")
         try:
             view.now["time"] = time = float(time)
-        except Exception as error:  # whatever a clock delivers, the arm must go on safely
+        except Exception as error:  # whatever a clock delivers
             self.wrong["clock"] = str(error)
             self._spoil(view, "timed", "")
         if lost := lost or self.read_joints(robot):
@@ -109,14 +108,14 @@ class Reading:
     def read_joints(self, robot: Any) -> str:
         """Take down a joint state; why that is impossible, or nothing."""
         view = self._records.view
-        joints, shape = view.joints, view.joints[0].shape
+        joints, shape = (view.position, view.velocity, view.acceleration), view.jerk.shape
         try:
-            for row, values in enumerate((robot.position, robot.velocity, robot.acceleration)):
+            for row, values in zip(joints, (robot.position, robot.velocity, robot.acceleration), strict=True):
                 if type(values) is not np.ndarray or values.dtype is not _FLOAT64:
                     self._check_joints(values)
                 if values.shape != shape:
                     raise ValueError(f"it has shape {values.shape}, expected {shape}")
-                joints[row] = values
+                row[:] = values
         except Exception as error:  # whatever a driver delivers, the arm must go on safely
             return str(error) or type(error).__name__
         return ""
@@ -139,7 +138,7 @@ class Reading:
     def _look_for_people(self, scene: Scene) -> None:
         try:
             human, age, valid = scene.human, scene.age, scene.valid
-            if not self._trusting and (self.names is None or not self.met):
+            if not (self._met or self._trusting):
                 self._meet(tuple(human.names))
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
             view = self._records.view
@@ -157,7 +156,8 @@ class Reading:
 
     def _meet(self, names: tuple[str, ...]) -> None:
         """Make room for people who are seen for the first time."""
-        if names == self.names:
+        self._met = bool(self._records.memory.arm[0]["met"])
+        if self._met or names == self.names:
             return
         speed, growth, touch = self._assumed(names)
         self._records.make_room(people=len(names))

@@ -20,6 +20,9 @@ class View(NamedTuple):
     """Shape (1, n) [rad/s³]: for the same."""
     now: NDArray
     joints: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
     start: Array
     end: Array
     start_velocity: Array
@@ -61,12 +64,10 @@ class Records:
             self._allocate(*sizes)
 
     def _allocate(self, people: int, statics: int, planes: int) -> None:
-        n, rows = len(self.robot.links), self.settings.static_rows
+        n = len(self.robot.links)
         self.memory = _kept(self.memory, layout.memory(1, n, people, statics, planes))
         self.scene = _kept(self.scene, layout.scene_record(1, n, people, statics, planes))
-        self.work = layout.work(n, len(self.robot.capsules), people, statics * rows, planes * rows)
-        # until there has been a step
-        self.work.lower[:], self.work.upper[:] = -self.robot.limits[4], self.robot.limits[4]
+        self.work = layout.work(self.robot, people, statics, planes, static_rows=self.settings.static_rows)
         self.sizes = people, statics, planes
         self._view: View | None = None
 
@@ -80,6 +81,7 @@ class Records:
                 np.zeros((1, len(self.robot.links))),
                 scene.now,
                 scene.joints[0],
+                *scene.joints[0],
                 *scene.ends[0],
                 *(part[0] for part in (scene.radius, scene.age, scene.valid, scene.person)),
                 *(scene.normal[0], scene.offset[0]),

@@ -19,6 +19,12 @@ class Told(NamedTuple):
     """An answer, but for the jerk, as Python's numbers; fields of :data:`~jssa_gym.tick.layout.ANSWER`."""
 
     status: int
+    phi: float
+    distance: float
+    row: int
+    column: int
+    slack: float
+    rows: int
     code: int
     detail: int
     capsule: int
@@ -30,12 +36,6 @@ class Told(NamedTuple):
     fresh: bool
     sample: int
     inside: bool
-    phi: float
-    distance: float
-    row: int
-    column: int
-    slack: float
-    rows: int
     attempt: int
     recovering: bool
     kept: bool

@@ -6,10 +6,10 @@ once more if :func:`settle` says so.
 
 import numpy as np
 
+from jssa_gym.kernels.capsules import load_agents
 from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.motion import brake, integrate, make_representable
-from jssa_gym.kernels.tick import load_agents
 from jssa_gym.kernels.verification import LIMITS, REACH, UNDECIDED
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.tick import codes

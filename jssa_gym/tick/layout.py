@@ -192,6 +192,12 @@ class SceneRecord(NamedTuple):
 ANSWER = np.dtype(
     [
         ("status", np.int64),
+        ("phi", np.float64),
+        ("distance", np.float64),
+        ("row", np.int64),
+        ("column", np.int64),
+        ("slack", np.float64),
+        ("rows", np.int64),
         ("code", np.int64),  # why, see jssa_gym.tick.codes
         ("detail", np.int64),  # ... and what stood in the way of a stop, or behind a fault
         ("capsule", np.int64),  # the robot's capsule that it is about, -1 for none
@@ -203,12 +209,6 @@ ANSWER = np.dtype(
         ("fresh", np.bool_),  # all people were measured at this very moment
         ("sample", np.int64),  # what became of the sample of the capsule that is worst off, see jssa_gym.kernels.trust
         ("inside", np.bool_),  # the nominal lay in the box
-        ("phi", np.float64),
-        ("distance", np.float64),
-        ("row", np.int64),
-        ("column", np.int64),
-        ("slack", np.float64),
-        ("rows", np.int64),
         ("attempt", np.int64),  # times that rows were linearised anew; of printed rows, how many there are
         ("recovering", np.bool_),  # a row asks for less than 0 at once
         ("kept", np.bool_),  # all rows are kept
@@ -284,6 +284,14 @@ class Work(NamedTuple):
     """Shape (n,)."""
     fastest: Floats
     """Shape (n,)."""
+    people_off: Floats
+    """Shape (m, k) ..."""
+    planes_off: Floats
+    """... (m, p) ..."""
+    statics_off: Floats
+    """... (m, c) ..."""
+    self_off: Floats
+    """... and (s,) [s], of :func:`~jssa_gym.kernels.verification.keeps_clear`."""
     spare: Floats
     """A joint state, shape (3, n)."""
     told: NDArray
@@ -296,33 +304,37 @@ def memory(arms: int, n: int, people: int, statics: int, planes: int) -> Memory:
     tracks["trusted"] = tracks["seen"] = tracks["radius"] = np.nan
     tracks["stamp"] = tracks["first"] = -np.inf
     return Memory(
-        records(arms, MEMORY),
-        *(np.zeros((arms, 3, n)), np.zeros((arms, n))),
-        *(np.zeros((arms, 3, n)) for _ in range(3)),
-        np.zeros((arms, REMEMBERED, 3, n)),
-        np.zeros((arms, REMEMBERED)),
-        records((arms, n), STOP),
-        tracks,
-        np.zeros((arms, people)),
-        np.zeros((arms, people)),
-        records((arms, statics), AGENT),
-        records((arms, planes), PLANE),
+        arm=records(arms, MEMORY),
+        state=np.zeros((arms, 3, n)),
+        applied=np.zeros((arms, n)),
+        expected=np.zeros((arms, 3, n)),
+        last=np.zeros((arms, 3, n)),
+        anchor=np.zeros((arms, 3, n)),
+        past=np.zeros((arms, REMEMBERED, 3, n)),
+        offsets=np.zeros((arms, REMEMBERED)),
+        stored=records((arms, n), STOP),
+        tracks=tracks,
+        growth=np.zeros((arms, people)),
+        touch=np.zeros((arms, people)),
+        statics=records((arms, statics), AGENT),
+        planes=records((arms, planes), PLANE),
     )
 
 
 def scene_record(arms: int, n: int, people: int, statics: int, planes: int) -> SceneRecord:
     """An empty one."""
     return SceneRecord(
-        records(arms, SCENE),
-        np.zeros((arms, 3, n)),
-        np.zeros((arms, 4, people, 3)),
-        *(np.zeros((arms, people)) for _ in range(2)),
-        np.zeros((arms, people), np.bool_),
-        np.zeros((arms, people), np.int64),
-        np.zeros((arms, 4, statics, 3)),
-        np.zeros((arms, statics)),
-        np.zeros((arms, planes, 3)),
-        np.zeros((arms, planes)),
+        now=records(arms, SCENE),
+        joints=np.zeros((arms, 3, n)),
+        ends=np.zeros((arms, 4, people, 3)),
+        radius=np.zeros((arms, people)),
+        age=np.zeros((arms, people)),
+        valid=np.zeros((arms, people), np.bool_),
+        person=np.zeros((arms, people), np.int64),
+        static_ends=np.zeros((arms, 4, statics, 3)),
+        static_radius=np.zeros((arms, statics)),
+        normal=np.zeros((arms, planes, 3)),
+        offset=np.zeros((arms, planes)),
     )
 
 
@@ -331,15 +343,16 @@ def answer(arms: int, n: int) -> Answer:
     return Answer(records(arms, ANSWER), np.zeros((arms, n)))
 
 
-def work(n: int, m: int, people: int, statics: int, planes: int) -> Work:
-    """Scratch for arms one after the other."""
-    others = people + statics
-    columns = others + planes
-    rows = max(m * columns, 1)
+def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_rows: bool) -> Work:
+    """Scratch for arms one after the other; ``static_rows`` as of :class:`StepSettings`."""
+    n, m = len(robot.links), len(robot.capsules)
+    others, sides = (people + statics, planes) if static_rows else (people, 0)
+    pairs = (m, others + sides)
+    rows = max(m * (others + sides), 1)
     multipliers, active, relief = scratch(n, rows)
     return Work(
-        lower=np.zeros(n),
-        upper=np.zeros(n),
+        lower=-robot.limits[4],
+        upper=robot.limits[4].copy(),
         clipped=np.zeros(n),
         wanted=np.zeros(n),
         jerk=np.zeros(n),
@@ -348,15 +361,15 @@ def work(n: int, m: int, people: int, statics: int, planes: int) -> Work:
         radius=np.zeros(people),
         age=np.zeros(people),
         agents=records(others, AGENT),
-        planes=records(planes, PLANE),
+        planes=records(sides, PLANE),
         grown=records(people, AGENT),
         reach=np.zeros(people),
         frames=records(n, FRAME),
         segments=records(m, SEGMENT),
         frames_now=records(n, FRAME),
         segments_now=records(m, SEGMENT),
-        pairs=records((m, columns), PAIR),
-        pairs_now=records((m, columns), PAIR),
+        pairs=records(pairs, PAIR),
+        pairs_now=records(pairs, PAIR),
         after=np.zeros((3, n)),
         before=np.zeros((3, n)),
         L=np.zeros((rows, n)),
@@ -369,6 +382,10 @@ def work(n: int, m: int, people: int, statics: int, planes: int) -> Work:
         next=records(n, STOP),
         posture=np.zeros(n),
         fastest=np.zeros(n),
+        people_off=np.zeros((m, people)),
+        planes_off=np.zeros((m, planes)),
+        statics_off=np.zeros((m, statics)),
+        self_off=np.zeros(len(robot.self_pairs)),
         spare=np.zeros((3, n)),
         told=records(1, ANSWER),
     )

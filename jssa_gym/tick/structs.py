@@ -10,6 +10,7 @@ from numba.experimental import structref
 
 from jssa_gym.kernels.jit import jit
 from jssa_gym.tick.layout import Answer, ArmRecord, Memory, SceneRecord, StepSettings, Work
+from jssa_gym.tick.move import MeasuredArm, Seen
 
 
 class _Struct(types.StructRef):
@@ -45,6 +46,14 @@ class _AnswerType(_Struct): ...
 class _ArmsType(_Struct): ...
 
 
+@structref.register
+class _BodyType(_Struct): ...
+
+
+@structref.register
+class _SeenType(_Struct): ...
+
+
 class _ArmRecordStruct(structref.StructRefProxy): ...
 
 
@@ -63,6 +72,12 @@ class _WorkStruct(structref.StructRefProxy): ...
 class _AnswerStruct(structref.StructRefProxy): ...
 
 
+class _BodyStruct(structref.StructRefProxy): ...
+
+
+class _SeenStruct(structref.StructRefProxy): ...
+
+
 for layout, proxy, kind in (
     (ArmRecord, _ArmRecordStruct, _ArmRecordType),
     (StepSettings, _SettingsStruct, _SettingsType),
@@ -70,6 +85,8 @@ for layout, proxy, kind in (
     (SceneRecord, _SceneRecordStruct, _SceneRecordType),
     (Work, _WorkStruct, _WorkType),
     (Answer, _AnswerStruct, _AnswerType),
+    (MeasuredArm, _BodyStruct, _BodyType),
+    (Seen, _SeenStruct, _SeenType),
 ):
     structref.define_boxing(kind, proxy)
     structref.define_constructor(proxy, kind, layout._fields)
@@ -111,3 +128,23 @@ def arms(
 ) -> Any:
     """A pointer to the very arrays of these tuples, which it keeps alive."""
     return (Arms if config.DISABLE_JIT else _pointer)(robot, settings, memory, scene, work, answer)
+
+
+@jit
+def _body(body):
+    return _BodyStruct(*body)
+
+
+def body_pointer(body: MeasuredArm) -> Any:
+    """A pointer to the very arrays of a :class:`~jssa_gym.tick.move.MeasuredArm`."""
+    return body if config.DISABLE_JIT else _body(body)
+
+
+@jit
+def _seen(seen):
+    return _SeenStruct(*seen)
+
+
+def seen_pointer(seen: Seen) -> Any:
+    """A pointer to the very arrays of a :class:`~jssa_gym.tick.move.Seen`."""
+    return seen if config.DISABLE_JIT else _seen(seen)

@@ -1,0 +1,22 @@
+# What a contributor does most, with what the README's second command has installed in .venv; nothing needs a network.
+PYTHON ?= .venv/bin/python
+
+.PHONY: fast test lint format docs
+
+fast: ## all tests but the long ones: within two minutes on two cores
+	$(PYTHON) -m pytest -q -n auto -m "not slow and not long"
+
+test: ## all tests of a change
+	$(PYTHON) -m pytest -q -n auto
+
+lint: ## style and types
+	$(PYTHON) -m ruff check .
+	$(PYTHON) -m ruff format --check .
+	$(PYTHON) -m ty check --python $(PYTHON)
+
+format: ## as lint wants it, as far as a machine can
+	$(PYTHON) -m ruff check --fix .
+	$(PYTHON) -m ruff format .
+
+docs: ## the tables of docs/metrics.md anew from the code
+	$(PYTHON) docs/make_metrics.py

@@ -1,0 +1,231 @@
+"""Evaluations: combinations of names, or an environment and a policy of one's own."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from itertools import product
+from typing import Any, ClassVar
+
+import gymnasium as gym
+
+from jssa_gym.envs.arm import MOVING, ArmEnv
+from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.blocked import fault_of
+from jssa_gym.evaluation.contenders import PEOPLE
+from jssa_gym.evaluation.geometry import geometry
+from jssa_gym.evaluation.identity import code_digest, identity, named
+from jssa_gym.evaluation.metrics import SeparationParams, summarise
+from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
+from jssa_gym.evaluation.policy import check_unchanged, make_policy, policy_code, policy_factory
+from jssa_gym.evaluation.rollout import shield_of
+from jssa_gym.evaluation.rows import EvaluationRow, Row, Setting, digest_of
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.policies import Policy
+from jssa_gym.robots import RobotModel
+from jssa_gym.shields import Shield, read_name
+from jssa_gym.types import Trace
+from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
+
+
+def put_filter(env: gym.Env, name: str) -> Shield:
+    """A shield by the name of its filter around an environment.
+
+    Args:
+        env: The environment; see :class:`~jssa_gym.shields.Shield` for what it has to offer.
+        name: As :func:`~jssa_gym.shields.read_name` reads it.
+
+    Raises:
+        ParameterError: Unknown name, the environment has a shield, or no task with a shielded id.
+    """
+    if shield_of(env) is not None:
+        raise ParameterError(f"{env} has a shield already: give a filter or an environment with a shield, not both")
+    return Shield(env, name)
+
+
+class Evaluation(EpisodePlan[EvaluationRow]):
+    """What is put into numbers: a plan whose episodes are measured in full."""
+
+    __slots__ = ()
+
+    row: ClassVar[type[Row]] = EvaluationRow
+    by_name: ClassVar[bool]
+    """Whether names say all of an episode, so that it can be played again from its recording."""
+    episodes: int
+    """Of every setting."""
+    seed: int
+    """First seed."""
+    v_safe: float
+    """Speed of the robot's touching point from which a contact is critical [m/s]."""
+    separation: SeparationParams
+
+    def __post_init__(self) -> None:
+        for name, value in (
+            ("episodes", episodes_of_a_cell(self.episodes)),
+            ("seed", whole_number("seed", self.seed)),
+            ("steps", positive_integer("steps", self.steps)),
+            ("v_safe", number_within("v_safe", self.v_safe, 0.0)),
+        ):
+            object.__setattr__(self, name, value)  # JSON holds no numbers of numpy
+        if not isinstance(self.separation, SeparationParams):
+            raise ParameterError(f"separation has to be SeparationParams, got {self.separation!r}")
+
+    def measure(self, cell: Setting, seed: int, trace: Trace, robot: RobotModel, begin: float) -> EvaluationRow:
+        seen = geometry(trace, robot)
+        summary = summarise(trace, robot.limits, seen, v_safe=self.v_safe, separation=self.separation)
+        return EvaluationRow(*cell, seed, summary, fault_of(trace), digest_of(trace), wall=time.perf_counter() - begin)
+
+    def origin(self, cell: Setting, seed: int, digest: str) -> dict[str, Any]:
+        return {**cell._asdict(), "seed": seed, "steps": self.steps, "digest": digest, "named": self.by_name}
+
+
+@dataclass(frozen=True, slots=True)
+class Study(Evaluation):
+    """All combinations of some tasks, filters, people and policies, every one on the same seeds for all filters.
+
+    Raises:
+        ParameterError: An unknown name, none at all, or a number out of range.
+    """
+
+    by_name: ClassVar[bool] = True
+
+    tasks: tuple[str, ...]
+    filters: tuple[str, ...]
+    humans: tuple[str, ...]
+    policies: tuple[str, ...]
+    episodes: int = 100
+    """Of every combination."""
+    seed: int = 0
+    """First seed."""
+    steps: int = 1000
+    """Control steps of an episode."""
+    v_safe: float = MOVING
+    """Speed of the robot's touching point from which a contact is critical [m/s]."""
+    separation: SeparationParams = field(default_factory=SeparationParams)
+    trust_pickle: bool = False
+    """Of policies that are files; see :func:`~jssa_gym.policies.load_policy`."""
+    code: tuple[tuple[str, str], ...] = field(init=False, repr=False)
+    """Names of policies, and digests of the files that hold or define them, when the study was made."""
+
+    def __post_init__(self) -> None:
+        Evaluation.__post_init__(self)
+        for name in ("tasks", "filters", "humans", "policies"):
+            if not getattr(self, name):
+                raise ParameterError(f"no {name} to evaluate")
+        for task in self.tasks:
+            known_name("task", task, TASKS)
+        for human in self.humans:
+            known_name("human", human, PEOPLE)
+        for name in self.filters:
+            read_name(name)
+        for policy in self.policies:
+            policy_factory(policy, self.trust_pickle)
+        object.__setattr__(self, "code", _codes(self.policies))
+
+    def seeds(self) -> dict[Setting, list[int]]:
+        """Seeds of every setting: the same for all filters, others for everything else."""
+        names = product(self.tasks, self.humans, self.policies, self.filters)
+        return paired_seeds(((Setting(t, f, h, p), self.episodes) for t, h, p, f in names), self.seed)
+
+    def config(self) -> dict[str, Any]:
+        return {**asdict(self), "code": dict(_codes(self.policies))}
+
+    def make_env(self, cell: Setting) -> gym.Env:
+        return put_filter(ArmEnv(cell.task, human=PEOPLE[cell.human](), terminate_on=()), cell.filter)
+
+    def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
+        policy = make_policy(cell.policy, env.unwrapped, seed, seen=env, trust_pickle=self.trust_pickle)
+        check_unchanged(cell.policy, dict(self.code).get(cell.policy, ""))  # what was read, after it was read
+        return policy
+
+
+@dataclass(frozen=True, slots=True)
+class Single(Evaluation):
+    """An environment and a policy, whatever they are.
+
+    Raises:
+        ParameterError: A number is out of range, or environment or policy is nothing that can be evaluated.
+    """
+
+    by_name: ClassVar[bool] = False
+
+    env: str | Callable[[], gym.Env] | gym.Env
+    policy: Any
+    """What :func:`~jssa_gym.evaluation.policy.make_policy` takes, without ``trust_pickle``: who trusts a file hands
+    over what :func:`~jssa_gym.policies.load_policy` returns, for one job and no ``out`` folder."""
+    env_kwargs: Mapping[str, Any] | None = None
+    """Of ``gymnasium.make``, where ``env`` is an id."""
+    filter: str | None = None
+    """Put around the environment; None leaves it as it is."""
+    episodes: int = 100
+    seed: int = 0
+    steps: int = 1000
+    v_safe: float = MOVING
+    separation: SeparationParams = field(default_factory=SeparationParams)
+    code: str = field(init=False, repr=False)
+    """Digest of the file that holds or defines the policy, when the plan was made."""
+
+    def __post_init__(self) -> None:
+        Evaluation.__post_init__(self)
+        if self.filter is not None:
+            read_name(self.filter)
+        if not isinstance(self.env_kwargs, Mapping | None):
+            raise ParameterError(f"env_kwargs has to be a mapping, got {self.env_kwargs!r}")
+        if isinstance(self.env, str):
+            if self.env not in gym.registry:
+                ours = ", ".join(sorted(name for name in gym.registry if name.startswith("jssa_gym/")))
+                raise ParameterError(f"unknown environment {self.env!r}; those of this package: {ours}")
+        elif self.env_kwargs:
+            raise ParameterError("env_kwargs belong to an environment's id, not to a factory or an environment")
+        elif not (isinstance(self.env, gym.Env) or callable(self.env)):
+            raise ParameterError(f"env has to be an id, a factory or an environment, got {self.env!r}")
+        if isinstance(self.policy, str):
+            policy_factory(self.policy)
+        elif not (hasattr(self.policy, "predict") or callable(self.policy)):
+            make_policy(self.policy, None, 0)  # ty: ignore[invalid-argument-type]  # raises
+        object.__setattr__(self, "code", policy_code(self.policy))
+
+    @property
+    def setting(self) -> Setting:
+        """The only one: names, or classes where there are none."""
+        human = (self.env_kwargs or {}).get("human", "")
+        return Setting(named(self.env), self.filter or "", human if isinstance(human, str) else "", named(self.policy))
+
+    def seeds(self) -> dict[Setting, list[int]]:
+        """Seeds of the only setting."""
+        return {self.setting: list(range(self.seed, self.seed + self.episodes))}
+
+    def config(self) -> dict[str, Any]:
+        """All that decides about the results, as JSON can hold it: objects by name and digest."""
+        return {
+            "env": identity("env", self.env),
+            "policy": identity("policy", self.policy),
+            "code": [code_digest(self.env), policy_code(self.policy)],
+            "env_kwargs": identity("env_kwargs", dict(self.env_kwargs or {})),
+            "filter": self.filter,
+            "episodes": self.episodes,
+            "seed": self.seed,
+            "steps": self.steps,
+            "v_safe": self.v_safe,
+            "separation": asdict(self.separation),
+        }
+
+    def make_env(self, cell: Setting) -> gym.Env:
+        """The environment; ids of this package run to the horizon unless ``terminate_on`` says otherwise."""
+        if isinstance(self.env, str):
+            kwargs: dict[str, Any] = dict(self.env_kwargs or {})
+            if self.env.startswith("jssa_gym/"):
+                kwargs = {"terminate_on": (), "max_episode_steps": self.steps, **kwargs}
+            env = gym.make(self.env, **kwargs)
+        else:
+            env = self.env if isinstance(self.env, gym.Env) else self.env()
+        return env if self.filter is None else put_filter(env, self.filter)
+
+    def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
+        policy = make_policy(self.policy, env.unwrapped, seed, seen=env)
+        if isinstance(self.policy, str):
+            check_unchanged(self.policy, self.code)
+        return policy
+
+
+def _codes(policies: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    return tuple((name, code) for name in dict.fromkeys(policies) if (code := policy_code(name)))
