@@ -244,7 +244,7 @@ MUTANTS = [
     _admit("stored stop goes on two ticks", 'arm["step"] += 1\n', 'arm["step"] += 2\n', PROMISES),
     _admit("expectation not kept", "memory.expected[e][:] = work.after\n", "pass\n", PROMISES),
     _monitor("a deviation is ignored", "    return code, ticks\n", "    return 0, ticks\n", FAULTS),
-    _filter("nobody is told", "if told.persistent and not self._warned:", "if False:"),
+    _filter("nobody is told", "if persistent and not self._warned:", "if False:"),
     _monitor(
         "a stop that did not end in rest is the last",
         'arm["rests"] = begun and at_rest(memory.expected[e])',

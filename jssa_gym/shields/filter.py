@@ -277,7 +277,7 @@ class SafetyFilter:
         if proposed is not None and told.chosen > 0 and not np.isnan(phi):
             phi, distance, pair = self._foreseen(proposed, jerk.copy())
         if told.status == Status.FAULT:
-            self._count_fault(told, reason)
+            self._count_fault(reason, told.persistent)
         else:
             self._faults = 0
         return Decision(jerk, nominal, _STATUSES[status], reason, phi, distance, pair, slack, rows)
@@ -289,10 +289,10 @@ class SafetyFilter:
         except Exception as error:
             return f"{REASONS.get(abs(told.code), '')} ({type(error).__name__})"
 
-    def _count_fault(self, told: Told, reason: str) -> None:
+    def _count_fault(self, reason: str, persistent: bool) -> None:
         """Say aloud what goes on for long."""
         self._faults += 1
-        if told.persistent and not self._warned:
+        if persistent and not self._warned:
             self._warned = True
             _logger.warning(
                 "The arm is not where the applied jerks lead, again and again (%s): something else moves it, or its "
@@ -329,7 +329,7 @@ class SafetyFilter:
                 reason = f"{reason}; no verified stop"
         except Exception:
             _logger.exception("the arm cannot even brake")
-        self._faults += 1
+        self._count_fault(reason, False)
         return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
 
     # ---- filters that are not compiled ---------------------------------------------------------------

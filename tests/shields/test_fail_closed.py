@@ -221,11 +221,12 @@ def test_machinery_that_fails_is_no_bad_scene(name, what, stop, monkeypatch, cap
         raise EOFError("Ran out of input")
 
     monkeypatch.setattr(f"jssa_gym.shields.filter.{what}", broken)
-    for _ in range(100):
+    for _ in range(130):
         *_, info = env.step(np.full(6, 0.2))
         assert info["shield/status"] == Status.FAULT
         assert "EOFError: Ran out of input" in info["shield/reason"]
         assert "scene" not in info["shield/reason"]
+    assert sum("Every decision of the last" in record.message for record in caplog.records) == 1
     state = env.unwrapped.scene.robot
     assert max(np.abs(state.velocity).max(), np.abs(state.acceleration).max()) < 1e-6
     monkeypatch.undo()
