@@ -204,7 +204,7 @@ def step_of(filter) -> int:
 
 def forget_people(filter) -> None:
     """Whoever comes now is who there is."""
-    filter._reading.names = None
+    filter._reading.names, filter._reading._met = None, False
     _forget_people(filter.records.view.arms)
 
 

@@ -365,7 +365,7 @@ SHIELD_LATER = """
 import sys
 from pathlib import Path
 import gymnasium as gym, jssa_gym
-from jssa_gym.kernels.tick import tick
+from jssa_gym.tick.move import move
 
 def compiled(kernel):  # as numba leaves it
     folder = Path(kernel.stats.cache_path)
@@ -380,7 +380,7 @@ said("bare")
 env = gym.make("jssa_gym/Home-v0", human="none")
 said("again")
 jssa_gym.JSSAShield(gym.make("jssa_gym/Reach-v0"))
-compiled(tick)
+compiled(move)
 said("shield")
 jssa_gym.JSSAShield(env)
 said("more shields")
