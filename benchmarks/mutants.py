@@ -26,7 +26,9 @@ PEERS = "[ssa or -ssa or sss or cbf or pfm or sma or ssm or [stop or -stop"
 
 KERNELS = "tests/kernels/test_verification.py"
 FILTERS = "tests/shields/test_failsafe.py"
-JOINTS = "tests/safety/test_joints.py"
+JOINTS = "tests/tick/test_joints.py"
+HELD = "tests/shields/test_held_joints.py"
+CLOSED = "tests/shields/test_fail_closed.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -51,8 +53,20 @@ def _kernel(name, old, new, tests=MOTION):
     return Mutant(name, "kernels/verification.py", old, new, tests)
 
 
-def _guard(name, old, new, tests=ASSUMPTIONS):
-    return Mutant(name, "shields/failsafe.py", old, new, tests)
+def _admit(name, old, new, tests=ASSUMPTIONS):
+    return Mutant(name, "tick/admit.py", old, new, tests)
+
+
+def _decide(name, old, new, tests=FAULTS):
+    return Mutant(name, "tick/decide.py", old, new, tests)
+
+
+def _people(name, old, new, tests):
+    return Mutant(name, "tick/people.py", old, new, tests)
+
+
+def _reading(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
+    return Mutant(name, "shields/reading.py", old, new, tests)
 
 
 def _joints(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
@@ -60,24 +74,24 @@ def _joints(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
 
 
 def _monitor(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
-    return Mutant(name, "safety/joints.py", old, new, tests)
+    return Mutant(name, "tick/joints.py", old, new, tests)
 
 
 def _filter(name, old, new, tests=FAULTS):
     return Mutant(name, "shields/filter.py", old, new, tests)
 
 
-PERSON = """                radii = robot["radius"] + agent["radius"]
-                gap, _, _ = capsule_pair(robot["start"], robot["end"], agent["start"], agent["end"], radii)"""
-STATIC = """                radii = robot["radius"] + static["radius"]"""
+PERSON = """                radii = part["radius"] + agent["radius"]
+"""
+STATIC = """                radii = part["radius"] + static["radius"]"""
 FAILED = """            reason = f"the filter failed: {type(error).__name__}: {error}"
             self._log(reason)
-            return self._brake(nominal, reason)"""
+            return self.failed(tick, reason)"""
 ROW = """        row[j] = -slope"""
 
 MUTANTS = [
     # what a verification looks at
-    _kernel("robot's radius dropped", PERSON, PERSON.replace('robot["radius"] + ', "", 1)),
+    _kernel("robot's radius dropped", PERSON, PERSON.replace('part["radius"] + ', "", 1)),
     _kernel("person's radius dropped", PERSON, PERSON.replace(' + agent["radius"]', "", 1)),
     _kernel("static's radius dropped", STATIC, STATIC.replace(' + static["radius"]', "")),
     _kernel("reach dropped", "gap - reach[k] - speed[k] * t", "gap - speed[k] * t"),
@@ -92,11 +106,11 @@ MUTANTS = [
     ),
     _kernel("the stop's speed not foreseen in the step", "max(max(abs(now), turn), later)", "max(abs(now), turn)"),
     _kernel("the step's turning point forgotten", "max(max(abs(now), turn), later)", "max(abs(now), later)"),
-    _kernel("spin forgotten", 'spin += (levers[i, j] + robot["radius"])', "spin += levers[i, j]"),
+    _kernel("spin forgotten", 'spin += (levers[i, j] + part["radius"])', "spin += levers[i, j]"),
     _kernel(
         "half-spaces skipped",
-        "for k in range(planes.shape[0]):\n                if stands",
-        "for k in range(0):\n                if stands",
+        "            for k in range(planes.shape[0]):",
+        "            for k in range(0):",
     ),
     _kernel("statics skipped", "            for k in range(statics.shape[0]):", "            for k in range(0):"),
     _kernel("self pairs skipped", "for k in range(self_pairs.shape[0]):", "for k in range(0):"),
@@ -106,6 +120,10 @@ MUTANTS = [
         'range(one["link"] + 1, two["link"])',
     ),
     _kernel("margin of self pairs dropped", "gap - 2.0 * margin", "gap"),
+    _kernel(
+        "who is off is off for good", "return until - t - _ROUNDING > max(lasting, _SHORTEST)", "return until > -np.inf"
+    ),
+    _kernel("who is apart at a glance is nearer", "far = radii + reach[k] + speed[k] * t", "far = radii"),
     _kernel("too many looks read as safe", "return UNDECIDED, -1, -1, t", "return SAFE, -1, -1, t"),
     _kernel(
         "NaN distance of a person passes",
@@ -131,24 +149,32 @@ MUTANTS = [
     _joints("a lag is not recognised", "for k in range(past.shape[0]):", "for k in range(0):"),
     _monitor(
         "expectation follows the reading",
-        "        if code != AGREES:\n",
-        "        self.expected[:] = reading.state\n        if code != AGREES:\n",
+        "    if code != AGREES:\n",
+        "    memory.expected[e][:] = scene.joints[e]\n    if code != AGREES:\n",
     ),
     _monitor(
         "a wrong reading is forgotten at once",
-        "self._owed = AGREEMENTS << min(self._lapses - 1, _DOUBLINGS)",
-        "self._owed = 0",
+        'arm["owed"] = AGREEMENTS << min(arm["lapses"] - 1, DOUBLINGS)',
+        'arm["owed"] = 0',
     ),
-    _monitor("relapses are forgotten", "AGREEMENTS << min(self._lapses - 1, _DOUBLINGS)", "AGREEMENTS"),
+    _monitor("relapses are forgotten", 'AGREEMENTS << min(arm["lapses"] - 1, DOUBLINGS)', "AGREEMENTS"),
+    _monitor("a clock that stands still is believed", "elif last < now < np.inf or", "elif last <= now < np.inf or"),
+    _monitor("a lag of the clock is forgotten", 'if arm["offset"] < arm["due"]:', "if False:"),
+    _reading("masked joints are read", "if isinstance(values, np.ma.MaskedArray):", "if False:"),
+    _reading("single precision is read", 'self._exact and kind == "f" and size < 8', "False"),
+    Mutant("rebased in motion", "shields/rebasing.py", "if not at_rest(expected):", "if False:", (JOINTS, "rebased")),
+    Mutant(
+        "rebased to a moving arm",
+        "shields/rebasing.py",
+        "if deviates(joints, still, settings.stop_limits, settings.tolerance):",
+        "if False:",
+        (JOINTS, "rebased"),
+    ),
     _monitor(
-        "a clock that stands still is believed", "if not (last < now < math.inf or", "if not (last <= now < math.inf or"
+        "noise is reckoned with",
+        'memory.arm[e]["begun"] = not deviates(reading, expected, settings.stop_limits, settings.tolerance)',
+        'memory.arm[e]["begun"] = False',
     ),
-    _monitor("a lag of the clock is forgotten", "if self._offset < self._due:", "if False:"),
-    _monitor("masked joints are read", "if isinstance(values, np.ma.MaskedArray):", "if False:"),
-    _monitor("single precision is read", 'kind == "f" and size < 8', "False"),
-    _monitor("rebased in motion", "if not at_rest(self.expected):", "if False:"),
-    _monitor("rebased to a moving arm", "if not self.agrees(self._reading, still):", "if False:"),
-    _monitor("noise is reckoned with", "self.begun = self.agrees(self._reading, self.expected)", "self.begun = False"),
     _kernel(
         "one part's contact speed for everybody",
         "spin <= max(touch[k], REST)",
@@ -156,21 +182,27 @@ MUTANTS = [
         ASSUMPTIONS,
     ),
     # how a jerk is chosen
-    _kernel("limits check skipped", "if keeps_limits(state, jerk, after, plan, bounds, dt):", "if True:", CHOICE),
+    _admit("limits check skipped", "    if not keeps_limits(", "    if False and not keeps_limits(", CHOICE),
     _kernel("the step's limits not checked", "if not step_keeps(", "if False and not step_keeps(", CHOICE),
     _kernel("the stop's limits not checked", "if not stop_keeps(", "if False and not stop_keeps(", CHOICE),
-    _kernel("half-way jerk not verified", "if code == SAFE:", "if code == SAFE or attempt == 1:", CHOICE),
-    _kernel(
+    _admit("half-way jerk not verified", "if code == SAFE:", "if True:", CHOICE),
+    _admit(
         "tail one tick ahead",
-        "stop_jerk(stored, tick, jerk)\n    integrate",
-        "stop_jerk(stored, tick + 1, jerk)\n    integrate",
+        "stop_jerk(memory.stored[e], step, jerk)\n    integrate",
+        "stop_jerk(memory.stored[e], step + 1, jerk)\n    integrate",
         CHOICE,
     ),
-    _kernel(
+    _admit(
         "tail instead of which the wanted goes on",
-        "    stop_jerk(stored, tick, jerk)\n    integrate",
+        "    stop_jerk(memory.stored[e], step, jerk)\n    integrate",
         "    jerk[:] = wanted\n    integrate",
         CHOICE,
+    ),
+    _admit(
+        "another jerk is not verified",
+        "    which, _, _, _, _ = choose(robot, settings, memory, work.wanted, work.jerk, work, e)\n",
+        "    keeps_safe(robot, settings, memory, work.wanted, work, e)\n    which, work.jerk[:] = 1, work.wanted\n",
+        (HELD, "amendment"),
     ),
     # what the stored stop is
     Mutant("tail's ramp one tick longer", "kernels/stopping.py", "if left < 0:", "if left <= 0:", PROMISES),
@@ -202,31 +234,21 @@ MUTANTS = [
         "beyond += 0.0",
         (KERNELS, "levers"),
     ),
-    _guard("stored stop not swapped", "self._stored, self._next = self._next, self._stored\n", "pass\n", PROMISES),
-    _guard(
+    _admit("stored stop not taken over", "memory.stored[e, j] = work.next[j]", "pass", PROMISES),
+    _admit(
         "stored stop's tick not reset",
-        "self._tick, self._verified, self._rests = 0, True, False",
-        "self._verified, self._rests = True, False",
+        'arm["step"], arm["verified"], arm["rests"] = 0, True, False',
+        'arm["verified"], arm["rests"] = True, False',
         PROMISES,
     ),
-    _guard(
-        "stored stop goes on two ticks",
-        "            self._tick += 1\n        else:",
-        "            self._tick += 2\n        else:",
-        PROMISES,
-    ),
-    _guard(
-        "expectation not kept",
-        "self._joints.expected, self._after = self._after, self._joints.expected\n",
-        "pass\n",
-        PROMISES,
-    ),
-    _guard("a deviation is ignored", "wrong = joints.judge(form)", 'wrong = joints.judge(form) and ""', FAULTS),
-    _guard("nobody is told", "if wrong and joints.persistent and not self._told:", "if False:", FAULTS),
-    _guard(
+    _admit("stored stop goes on two ticks", 'arm["step"] += 1\n', 'arm["step"] += 2\n', PROMISES),
+    _admit("expectation not kept", "memory.expected[e][:] = work.after\n", "pass\n", PROMISES),
+    _monitor("a deviation is ignored", "    return code, ticks\n", "    return 0, ticks\n", FAULTS),
+    _filter("nobody is told", "if persistent and not self._warned:", "if False:"),
+    _monitor(
         "a stop that did not end in rest is the last",
-        "self._rests = begun and at_rest(self.expected)",
-        "self._rests = begun",
+        'arm["rests"] = begun and at_rest(memory.expected[e])',
+        'arm["rests"] = begun',
         (JOINTS, "did_not_end"),
     ),
     _kernel(
@@ -235,44 +257,42 @@ MUTANTS = [
         "return 0",
         NUMBERS,
     ),
-    _guard(
+    _reading(
         "names of fixtures may change",
-        "if not self._first and names != self._names:",
+        'if self._records.memory.arm[0]["fixed"] and names != (self.planes, self.statics):',
         "if False:",
         (JOINTS, "not_what_it_was"),
     ),
-    _guard("people of another tick are believed", "if not self._joints.timely:", "if False:", (JOINTS, "another_tick")),
-    _guard(
+    _people("people of another tick are believed", "if not timely(memory, e):", "if False:", (JOINTS, "another_tick")),
+    _filter(
         "tolerance is not kept as a distance",
-        "self._astray = params.displacement(robot)",
-        "self._astray = params.tracking_error",
+        "astray=assumed.displacement(self.robot)",
+        "astray=assumed.tracking_error",
         (JOINTS, "edge"),
     ),
-    _guard(
-        "missed ticks are not counted", "for passed in range(min(late, left + 1)):", "for passed in range(0):", FAULTS
-    ),
-    _guard(
+    _monitor("missed ticks are not counted", "most = min(late, left + 1)", "most = 0", FAULTS),
+    _monitor(
         "any stop counts as verified",
-        "self._joints.begun and at_rest(state) and not violates(state, still, self._bounds, _ROUNDING)",
+        'arm["begun"] and at_rest(state) and not violates(state, still, settings.stop_limits, ROUNDING)',
         "True",
         (JOINTS, "first_seen_in_motion"),
     ),
-    _guard(
+    _reading(
         "things without a name",
-        "if (len(offset), len(statics)) != (len(names[0]), len(names[1])):",
+        "if (len(offset), len(capsules.radius)) != (len(names[0]), len(names[1])):",
         "if False:",
         (FILTERS, "without_a_name"),
     ),
     # what is assumed
     _kernel("age dropped", "(age[k] + lag)", "lag", ASSUMPTIONS),
     _kernel("lag dropped", "(age[k] + lag)", "age[k]", ASSUMPTIONS),
-    _guard("tracking error dropped", "params.position_error + self._astray", "params.position_error"),
-    _guard("position error dropped", "params.position_error + self._astray", "self._astray"),
-    _guard("max_age ignored", "max_age=params.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
-    _guard(
+    _admit("tracking error dropped", "settings.position_error + settings.astray", "settings.position_error"),
+    _admit("position error dropped", "settings.position_error + settings.astray", "settings.astray"),
+    _filter("max_age ignored", "max_age=assumed.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
+    _admit(
         "no margin to what stands",
-        "            self._astray,\n            jerk,",
-        "            0.0,\n            jerk,",
+        "memory.planes[e], settings.astray\n",
+        "memory.planes[e], 0.0\n",
         (FILTERS, "tracking"),
     ),
     Mutant(
@@ -308,38 +328,63 @@ MUTANTS = [
         "exception returns the nominal",
         FAILED,
         FAILED.replace(
-            "self._brake(nominal, reason)",
-            "Decision(nominal, nominal, Status.FAULT, reason, 0.0, 0.0, (-1, -1), 0.0, 0)",
+            "self.failed(tick, reason)",
+            'Decision(tick.nominal, tick.nominal, Status.NOMINAL, "", 0.0, 0.0, (-1, -1), 0.0, 0)',
         ),
     ),
     _filter("a filter's own fault is applied", "if decision.status == Status.FAULT:", "if False:"),
-    _filter(
+    _decide(
         "a scene that does not fit is no fault",
-        "if reason := guard.take_fixtures(scene):",
-        "if (reason := guard.take_fixtures(scene)) and False:",
+        'fault, told["detail"] = take_fixtures(memory, scene, e)',
+        '_, told["detail"] = take_fixtures(memory, scene, e)',
     ),
-    _filter("the answer is not looked at", "        if wrong:\n", "        if False:\n"),
-    _filter("watch's fault is ignored", "if astray or watch.fault:", "if astray:"),
-    _filter("the joints' fault is ignored", "if astray or watch.fault:", "if watch.fault:"),
-    _filter(
+    _decide("the answer is not looked at", "        if wrong:\n", "        if False:\n"),
+    _decide("watch's fault is ignored", "        fault = missing\n", "        fault = 0\n"),
+    _decide(
+        "the joints' fault is ignored",
+        'fault, told["ticks"] = follow(settings, memory, scene, work, e)\n',
+        '_, told["ticks"] = follow(settings, memory, scene, work, e)\n    fault = 0\n',
+    ),
+    _admit(
         "what is verified is not what is applied",
-        "decision = decision._replace(jerk=jerk)",
+        "jerk[j] = representable(u, limit[j])",
         "pass",
         ("tests/shields/test_shield.py", "to_the_bit and True"),
     ),
-    _filter("brakes without the stored stop", "jerk = guard.stop()", "jerk = self.fallback(self._state)"),
-    _filter("verification forgotten", "if not verdict.proposed:", "if False:", PROMISES),
-    _filter("an unverified stop is no fault", "if not verdict.verified:", "if False:"),
-    _guard(
+    _decide(
+        "brakes without the stored stop",
+        'go_on(settings, memory, memory.arm[e]["step"], memory.expected[e], jerk, e)',
+        "brake(memory.state[e], -robot.limits[4], robot.limits[4], settings.dt, jerk)",
+    ),
+    _admit("verification forgotten", "answer.jerk[e][:] = work.jerk", "pass", PROMISES),
+    _decide(
+        "an unverified stop is no fault",
+        'if not memory.arm[e]["verified"]:',
+        "if False:",
+        (FILTERS, "from_which_no_stop"),
+    ),
+    _filter(
+        "without a scene a failed step brakes where it was",
+        "integrate(view.state, self.records.memory.applied[0], self.dt, view.state)",
+        "pass",
+        (CLOSED, "dead_reckoning"),
+    ),
+    _filter(
+        "what cannot be said takes another tick",
+        '        except Exception as error:\n            return f"{REASONS',
+        '        except ImportError as error:\n            return f"{REASONS',
+        (CLOSED, "cannot_be_said"),
+    ),
+    _people(
         "a blind tick takes no time",
-        "            self._clock.miss()\n",
-        "            pass\n",
+        '        arm["missed"] += 1\n        return codes.PEOPLE\n',
+        "        return codes.PEOPLE\n",
         (JOINTS, "missing_scenes"),
     ),
     Mutant(
         "people stand still with the clock",
-        "safety/clock.py",
-        "self._ahead = max(self._ahead + due - gap, 0.0)",
+        "tick/people.py",
+        'arm["ahead"] = max(arm["ahead"] + due - gap, 0.0)',
         "pass",
         (JOINTS, "missing_scenes"),
     ),
@@ -352,16 +397,16 @@ MUTANTS = [
     ),
     Mutant(
         "viability box ignored",
-        "kernels/tick.py",
-        "if viability and fault == 0:",
+        "tick/decide.py",
+        "if settings.viability:",
         "if False:",
         (FILTERS, "viability_box"),
     ),
     Mutant(
         "NaN answer passes",
-        "kernels/tick.py",
-        "        if not np.isfinite(u):\n            return 1\n        if not lower[k] <= u <= upper[k]:",
-        "        if u < lower[k] or u > upper[k]:",
+        "tick/admit.py",
+        "        if not np.isfinite(u):\n            return 1\n        if not work.lower[j] <= u <= work.upper[j]:",
+        "        if u < work.lower[j] or u > work.upper[j]:",
         FAULTS,
     ),
     Mutant(
@@ -411,16 +456,17 @@ MUTANTS = [
     ),
     Mutant(
         "the present index of the future people",
-        "kernels/tick.py",
-        "    advance(agents, -dt)\n    index",
-        "    index",
+        "tick/propose.py",
+        "    advance(work.agents, -settings.dt)\n",
+        "",
         ROWS,
     ),
     Mutant(
         "clip after projection",
-        "shields/jssa.py",
-        "jerk, feasible, note = projection.jerk, ",
-        "jerk, feasible, note = np.clip(projection.jerk, 0.3 * self.lower, 0.3 * self.upper), ",
+        "tick/propose.py",
+        'feasible, left = project(settings, nominal, told["rows"], work)\n',
+        'feasible, left = project(settings, nominal, told["rows"], work)\n'
+        "        work.wanted[:] = np.minimum(np.maximum(work.wanted, 0.3 * work.lower), 0.3 * work.upper)\n",
         ("tests/shields/test_shield.py", "jerk_is_the_nearest"),
     ),
     Mutant(

@@ -75,9 +75,6 @@ class SphereFilter(SafetyFilter):
         m = len(people.radius)
         return self.inner.decide(scene._replace(human=people, age=np.zeros(m), valid=np.ones(m, bool)), nominal)
 
-    def _filter(self, scene, state, agents, nominal, inside):
-        raise NotImplementedError
-
 
 def whole(robot, dt, *, sliding: bool) -> SafetyFilter:
     """As JSSAShield has it: bounds that keep the joint limits, gradual recovery, and the verified stop."""

@@ -5,23 +5,21 @@ import numpy as np
 
 import jssa_gym
 from jssa_gym.safety.proximity import measure
-from jssa_gym.shields.reasons import of_clipping
 from jssa_gym.types import Decision, Status
 
 NEAR = 0.5
 
 
 class Brake(jssa_gym.SafetyFilter):
-    def _filter(self, scene, state, agents, nominal, inside):
-        near = measure(self.robot, scene.robot, scene.human, scene.planes)
+    def respond(self, tick):
+        near = measure(tick.robot, tick.scene.robot, tick.scene.human, tick.scene.planes)
         if near.smallest < NEAR:
-            jerk, status, reason = self.fallback(state), Status.PROJECTED, "somebody is near"
-        elif inside:
-            jerk, status, reason = self._clipped.copy(), Status.NOMINAL, ""
+            jerk, status, reason = self.fallback(tick.state), Status.PROJECTED, "somebody is near"
+        elif tick.inside:
+            jerk, status, reason = tick.clipped, Status.NOMINAL, ""
         else:
-            jerk, status = self._clipped.copy(), Status.PROJECTED
-            reason = of_clipping(nominal, jerk, self.robot.limits.jerk)
-        return Decision(jerk, nominal, status, reason, np.nan, near.smallest, near.pair, 0.0, 0)
+            jerk, status, reason = tick.clipped, Status.PROJECTED, tick.why_clipped
+        return Decision(jerk, tick.nominal, status, reason, np.nan, near.smallest, near.pair, 0.0, 0)
 
 
 def main() -> None:

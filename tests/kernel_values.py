@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from jssa_gym.humans import Body
+from jssa_gym.humans import Body, nobody
 from jssa_gym.kernels.capsules import measure_planes, measure_self
 from jssa_gym.kernels.chain import drift_of, jacobian, jacobian_rate
 from jssa_gym.kernels.contact import observe
@@ -18,10 +18,34 @@ from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, STOP, r
 from jssa_gym.kernels.stopping import peak_speed, plan_stop, step_keeps, stop_at, stop_jerk, stop_keeps
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.robots import make_robot
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.proximity import agent_records
+from jssa_gym.shields import make_filter
+from jssa_gym.shields.reasons import reason_code
+from jssa_gym.types import JointState, Planes, Scene
 
 TAU = 0.008
+
+
+def decided(robot):
+    """What whole control steps come to, beside somebody who walks up to an arm that moves."""
+    planes, jerk = Planes(np.array([[0.0, 0.0, 1.0]]), np.array([0.87]), ("table",)), np.array(robot.limits.jerk)
+    for name in ("jssa", "jssa_published", "none", "stop", "cbf"):
+        for stop in (None, FailsafeParams()):
+            chosen = make_filter(name, robot, TAU, viability=stop is not None, failsafe=stop)
+            state, said = np.array([robot.home, np.zeros(robot.n), np.zeros(robot.n)]), f"{name} {stop is not None}"
+            for k in range(40):
+                people = Body.facing().at((0.95 - 0.8 * TAU * k, 0.1), (-0.8, 0.0))
+                count = len(people.radius)
+                fine = np.zeros(count), np.ones(count, np.bool_)
+                scene = Scene(TAU * k, JointState(*state.copy()), people, nobody(), planes, *fine)
+                if k == 0:
+                    chosen.reset(scene)
+                decision = chosen.decide(None if k == 20 else scene, 0.3 * jerk * [0, 1, -1, 0, 1, 0])
+                yield said, [*decision.jerk, decision.phi, decision.distance, *decision.pair, decision.rows]
+                yield f"{said} status", [decision.status, reason_code(decision)]
+                integrate(state, decision.jerk, TAU, state)
 
 
 def main() -> None:
@@ -131,6 +155,8 @@ def main() -> None:
             keep("box complete", jerk_box(state, scale * rows, TAU, lower, out))
             keep("box", [*lower, *out])
     assert records(1, AGENT).size == 1
+    for name, value in decided(robot):
+        keep(name, value)
     print(json.dumps(result))
 
 

@@ -9,11 +9,13 @@ from numba import njit
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.joints import deviates
 from jssa_gym.kernels.records import CAPSULE, LINK, records
+from jssa_gym.kernels.verification import SAFE
 from jssa_gym.safety.index import IndexParams
+from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.reading import Reading
 from jssa_gym.shields.records import Records
 from jssa_gym.shields.words import Told, _fault
-from jssa_gym.tick import joints, layout, loop, people
+from jssa_gym.tick import admit, joints, layout, loop, people
 from jssa_gym.types import CapsuleSet, Planes, Scene
 
 _NO_PLANES = Planes(np.zeros((0, 3)), np.zeros(0), ())
@@ -48,7 +50,7 @@ def _present(arms):
 
 def _records(n: int, limits, dt: float, tolerance, position_error: float, max_age: float) -> Records:
     arm = layout.ArmRecord(records(n, LINK), records(0, CAPSULE), np.zeros((0, 2), np.int64), np.zeros((0, n)), limits)
-    settings = layout.Settings(
+    settings = layout.StepSettings(
         dt=dt, guarded=True, viability=False, proposal=layout.NONE, index=IndexParams().kernel(), closest=False,
         static_rows=False, authority=0.0, recovery=0.0, diagonal=True, weight=np.ones(n), inverse=np.eye(n),
         stop_limits=limits, tolerance=tolerance, position_error=position_error, max_age=max_age, lag=0.0, astray=0.0,
@@ -170,3 +172,58 @@ class HumanMonitor:
         fields = ("start", "end", "start_velocity", "end_velocity", "radius")
         moved = CapsuleSet(*(agents[field].copy() for field in fields), names, person)
         return Watch(people, work.age.copy(), bool(code), reason, bool(told[0]["fresh"]), moved)
+
+
+# ---- what a filter's verified stop remembers ----------------------------------------------------------
+
+
+@njit
+def _watch(arms):
+    return people.watch(arms.settings, arms.memory, arms.scene, arms.work, arms.answer, 0)
+
+
+@njit
+def _forget_people(arms):
+    people.forget_people(arms.memory, 0)
+
+
+@njit
+def _keeps_safe(arms, jerk):
+    return admit.keeps_safe(arms.robot, arms.settings, arms.memory, jerk, arms.work, 0)
+
+
+def stored(filter):
+    """The stored stop, shape (n,) of ``STOP``."""
+    return filter.records.memory.stored[0]
+
+
+def step_of(filter) -> int:
+    """How many of its ticks are over."""
+    return int(filter.records.memory.arm[0]["step"])
+
+
+def forget_people(filter) -> None:
+    """Whoever comes now is who there is."""
+    filter._reading.names, filter._reading._met = None, False
+    _forget_people(filter.records.view.arms)
+
+
+def watch(filter, scene) -> bool:
+    """Look at the people of a scene, and at nothing else; whether they can be relied on."""
+    records = filter.records
+    filter._reading.read(scene)
+    return _watch(records.view.arms) == 0
+
+
+class Unsolvable(JSSAFilter):
+    """Its compiled projection finds no solution after that: the metric of Eq. (14) is none."""
+
+    def make_unsolvable(self) -> None:
+        records = self.records
+        records.settings = records.settings._replace(diagonal=False, inverse=-np.eye(self.robot.n))
+        records.release()
+
+
+def keeps_safe(filter, jerk) -> bool:
+    """Whether a filter that has just decided would verify a jerk; the stop after it is in its ``work.next``."""
+    return _keeps_safe(filter.records.view.arms, np.array(jerk, float))[0] == SAFE

@@ -133,20 +133,20 @@ def leaving(number: int) -> Iterator[int]:
 class Distant(PairFilter):
     """A filter of a user's own: slows down when somebody is near, and remembers for how long it has."""
 
-    def _coefficients(self):
+    def coefficients(self):
         return 0.8, 0.0, 0.0
 
     def reset(self, scene):
         super().reset(scene)
         self.near = np.zeros(self.robot.n)
 
-    def _respond(self, nominal, inside):
-        phi = self._phi.max()
+    def answer(self, tick, pairs, index):
+        phi = index.max()
         if not phi > 0.0:
-            return self._untouched(nominal, inside, phi)
+            return self.untouched(tick, phi)
         self.near += 1.0
-        jerk = np.clip(self._clipped / (1.0 + self.near), self.lower, self.upper)
-        return self._decided(jerk, nominal, Status.PROJECTED, "somebody is near", phi)
+        jerk = np.clip(tick.clipped / (1.0 + self.near), tick.lower, tick.upper)
+        return self.decided(tick, jerk, Status.PROJECTED, "somebody is near", phi)
 
 
 class Sluggish(SafetyFilter):
@@ -156,10 +156,10 @@ class Sluggish(SafetyFilter):
         super().reset(scene)
         self.followed = np.zeros(self.robot.n)
 
-    def _filter(self, scene, state, agents, nominal, inside):
-        self.followed = 0.9 * self.followed + 0.1 * self._clipped
-        jerk = np.clip(self.followed, self.lower, self.upper)
-        return Decision(jerk, nominal, Status.PROJECTED, "late", scene.time, np.nan, (-1, -1), 0.0, 0)
+    def respond(self, tick):
+        self.followed = 0.9 * self.followed + 0.1 * tick.clipped
+        jerk = np.clip(self.followed, tick.lower, tick.upper)
+        return Decision(jerk, tick.nominal, Status.PROJECTED, "late", tick.scene.time, np.nan, (-1, -1), 0.0, 0)
 
 
 def saying(text: str) -> Iterator[str]:

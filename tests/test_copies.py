@@ -30,7 +30,7 @@ from jssa_gym.humans import HUMANS, ApproachRetreat, Steered
 from jssa_gym.policies import POLICIES, JPCPolicy, SteeredPolicy, load_policy, shipped_policies
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, NoFilter, Shield
+from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, NoFilter, SafetyFilter, Shield
 from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
 from jssa_gym.types import Status
 
@@ -140,6 +140,8 @@ def arrays(thing, path: str = "", seen: dict | None = None) -> dict[int, tuple[s
         items = [(f"{path}[{key!r}]", value) for key, value in thing.items()]
     elif isinstance(thing, tuple | list | set | frozenset):
         items = [(f"{path}[{k}]", value) for k, value in enumerate(thing)]
+    elif isinstance(thing, SafetyFilter):  # lets go of its views of one arm's entries, and makes them anew
+        items = [(f"{path}.{name}", value) for name, value in thing.__getstate__().items()]
     else:
         slots = [name for kind in type(thing).__mro__ for name in getattr(kind, "__slots__", ())]
         names = {*getattr(thing, "__dict__", {}), *slots}
@@ -183,10 +185,10 @@ class Peeking(NoFilter):
         self.rows = np.zeros((3, count))
         setattr(self, self.where, {"kept": [self.rows[1]]} if self.where == "nested" else self.rows[1])
 
-    def _filter(self, scene, state, agents, nominal, inside):
-        if self.rows.shape[1] != len(agents):
-            self._resize(len(agents))
-        return super()._filter(scene, state, agents, nominal, inside)
+    def respond(self, tick):
+        if self.rows.shape[1] != len(tick.people):
+            self._resize(len(tick.people))
+        return super().respond(tick)
 
 
 class Hiding(Peeking):

@@ -8,7 +8,7 @@ from jssa_gym.kernels.motion import violates
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.proximity import TRUTH, check_capsules
-from jssa_gym.tick.move import Body, People, Seen, move
+from jssa_gym.tick.move import MeasuredArm, People, Seen, move
 from jssa_gym.tick.structs import body_pointer, seen_pointer
 from jssa_gym.types import Array, CapsuleSet
 
@@ -52,7 +52,7 @@ class Surroundings:
         self._robot, self._zero = robot, zero
         swung = (low - OVER_POSITION, high + OVER_POSITION, (1.0 + OVER_VELOCITY) * limits.velocity)
         self._servo_bounds = np.array([*swung, np.full(robot.n, np.inf), limits.jerk])
-        self._body = Body(
+        self._body = MeasuredArm(
             robot.links,
             robot.capsules,
             int(robot.tool_link),

@@ -16,7 +16,7 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.tick import loop
-from jssa_gym.tick.layout import Settings
+from jssa_gym.tick.layout import StepSettings
 from jssa_gym.types import Array, CapsuleSet, Decision, Scene
 from jssa_gym.validation import known_name
 
@@ -118,7 +118,7 @@ class _Credulous(JSSAFilter):
 class _Boundless(JSSAFilter):
     """Knows no joint ranges and no speed limits; its stops keep acceleration and jerk limits."""
 
-    def settings(self) -> Settings:
+    def settings(self) -> StepSettings:
         settings = super().settings()
         limits = settings.stop_limits.copy()
         limits[:3] = np.array([-1e3, 1e3, 1e3])[:, None]

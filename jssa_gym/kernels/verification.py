@@ -145,7 +145,7 @@ def _posture(motion, t, posture, fastest):
             fastest[j] = peak_speed(after[1, j], after[2, j], stop, dt, t - dt)
 
 
-class Motion(NamedTuple):
+class StepAndStop(NamedTuple):
     """One step and the stop after it."""
 
     state: NDArray[np.float64]

@@ -1,18 +1,8 @@
-"""What scenes and filters of others deliver, taken so that nothing that comes after can fail for it."""
-
-from typing import Any
+"""What filters of others answer, taken so that nothing that comes after can fail for it."""
 
 import numpy as np
 
 from jssa_gym.types import Decision, Status
-
-
-def part_of(scene: Any, name: str) -> tuple[Any, str]:
-    """A part of a scene, or None and why it cannot be had: whatever a perception system throws, the arm goes on."""
-    try:
-        return getattr(scene, name), ""
-    except Exception as error:
-        return None, str(error)
 
 
 def sound(decision: Decision, shape: tuple[int, ...]) -> Decision:

@@ -2,20 +2,22 @@
 
 import logging
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
-from jssa_gym.kernels.motion import brake, make_representable
+from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.answers import sound
 from jssa_gym.shields.copying import refuse_shared_memory
-from jssa_gym.shields.reading import Reading
+from jssa_gym.shields.reading import Reading, part_of
+from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.rebasing import rebase
 from jssa_gym.shields.records import Records
 from jssa_gym.shields.tick import Tick
@@ -80,8 +82,6 @@ class SafetyFilter:
         self._faults, self._told, self._warned, self._logged = 0, False, False, ""
         if failsafe is not None:
             failsafe.tolerance_of(robot)
-        self._records: Records | None = None
-        self._reading: Reading | None = None
         announce_compilation(loop.decide_all)
 
     proposal = layout.FOREIGN
@@ -110,11 +110,11 @@ class SafetyFilter:
 
     # ---- records -------------------------------------------------------------------------------------
 
-    def settings(self) -> layout.Settings:
+    def settings(self) -> layout.StepSettings:
         """The numbers that the control step goes by."""
         n, params, limits = self.robot.n, self.failsafe, self.robot.limits.bounds()
         assumed = params or FailsafeParams()
-        return layout.Settings(
+        return layout.StepSettings(
             dt=self.dt,
             guarded=params is not None,
             viability=self.viability,
@@ -141,19 +141,25 @@ class SafetyFilter:
         speed = np.array([params.speed_of(name) for name in names], np.float64)
         return speed, speed.copy(), np.array([params.contact_speed_of(name) for name in names], np.float64)
 
-    @property
+    @cached_property
     def records(self) -> Records:
         """What the control step reads, remembers and answers; made when it is needed first."""
-        if self._records is None:
-            robot, settings = self.robot, self.settings()
-            limits = robot.limits.bounds()
-            arm = layout.ArmRecord(robot.links, robot.capsules, robot.self_pairs, levers(robot), limits)
-            self._records = Records(arm, settings)
-            exact = bool(np.any(settings.tolerance == 0.0))
-            fixed = settings.guarded or settings.static_rows
-            self._asks = not self._compiled
-            self._reading = Reading(self._records, not settings.guarded, exact, fixed, self.assumed)
-        return self._records
+        robot = self.robot
+        limits = robot.limits.bounds()
+        arm = layout.ArmRecord(robot.links, robot.capsules, robot.self_pairs, levers(robot), limits)
+        return Records(arm, self.settings())
+
+    @cached_property
+    def _reading(self) -> Reading:
+        """Takes down scenes in the records."""
+        settings = self.records.settings
+        exact, fixed = bool(np.any(settings.tolerance == 0.0)), settings.guarded or settings.static_rows
+        return Reading(self.records, not settings.guarded, exact, fixed, self.assumed)
+
+    @cached_property
+    def _asks(self) -> bool:
+        """Whether :meth:`respond` proposes."""
+        return not self._compiled
 
     @property
     def lower(self) -> Array:
@@ -181,8 +187,8 @@ class SafetyFilter:
         Raises:
             InterfaceError: An attribute is a view of another's memory.
         """
-        if self._records is not None:
-            self._records.release()
+        if "records" in vars(self):
+            self.records.release()
         refuse_shared_memory(self)
         return self.__dict__.copy()
 
@@ -200,11 +206,10 @@ class SafetyFilter:
 
     def reset(self, scene: Scene) -> None:
         """Forget the past: a new episode begins with ``scene``."""
-        records, self._faults = self.records, 0
-        reading = self._reading
+        reading, self._faults = self._reading, 0
         reading.forget()
         reading.read(scene)
-        loop.start(records.view.arms)
+        loop.start(self.records.view.arms)
         reading.forget()
 
     def rebase(self, scene: Scene) -> None:
@@ -238,9 +243,8 @@ class SafetyFilter:
         """
         nominal = checked_action(nominal, self.robot.n)
         try:
-            records = self._records or self.records
             self._reading.read(scene)
-            view, decision = records.view, None
+            view, decision = self.records.view, None
             view.nominal[0] = nominal
             if self._asks:
                 decision = self._ask(scene, nominal)
@@ -248,40 +252,47 @@ class SafetyFilter:
                 loop.decide_all(view.arms, view.nominal)
             return self._answer(nominal, decision)
         except Exception as error:  # kernels, not the scene: that has been looked at where it is read
-            return self._emergency(nominal, f"the control step failed: {type(error).__name__}: {error}")
+            return self._emergency(scene, nominal, f"the control step failed: {type(error).__name__}: {error}")
 
     @property
     def _compiled(self) -> bool:
         """Whether the compiled step proposes: for a class that names who does, not for one that answers itself."""
-        owner = next(kind for kind in type(self).__mro__ if "respond" in vars(kind))
+        asked = {"respond", "amend", "foresee"}
+        owner = next(kind for kind in type(self).__mro__ if asked & vars(kind).keys())
         return self.proposal != layout.FOREIGN and "proposal" in vars(owner)
 
     def _answer(self, nominal: Array, proposed: Decision | None) -> Decision:
         """The decision that the answer in the records comes to; ``proposed`` is that of a filter that was asked."""
-        records = self._records
-        view = records.view
+        view = self.records.view
         numbers, jerk = view.told.item(), view.jerk.copy()
         status, phi, distance, row, column, slack, rows = numbers[:7]
-        if status == 0:  # NOMINAL, the usual case: there is nothing to say
+        if status == 0 and proposed is None:  # NOMINAL, the usual case: there is nothing to say
             self._faults = 0
             return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows)
         told, pair = Told(*numbers), (row, column)
         if proposed is not None and told.chosen <= 0 and told.code in (0, codes.FOREIGN):
             reason = proposed.reason + ("; no verified stop" if told.unverified else "")
         else:
-            reason = in_words(told, nominal, self.robot, records, self._reading)
+            reason = self._say(told, nominal)
         if proposed is not None and told.chosen > 0 and not np.isnan(phi):
             phi, distance, pair = self._foreseen(proposed, jerk.copy())
         if told.status == Status.FAULT:
-            self._count_fault(told, reason)
+            self._count_fault(reason, told.persistent)
         else:
             self._faults = 0
         return Decision(jerk, nominal, _STATUSES[status], reason, phi, distance, pair, slack, rows)
 
-    def _count_fault(self, told: Told, reason: str) -> None:
+    def _say(self, told: Told, nominal: Array) -> str:
+        """The reason in words; it is decided already, whatever names turn out to be."""
+        try:
+            return in_words(told, nominal, self.robot, self.records, self._reading)
+        except Exception as error:
+            return f"{REASONS.get(abs(told.code), '')} ({type(error).__name__})"
+
+    def _count_fault(self, reason: str, persistent: bool) -> None:
         """Say aloud what goes on for long."""
         self._faults += 1
-        if told.persistent and not self._warned:
+        if persistent and not self._warned:
             self._warned = True
             _logger.warning(
                 "The arm is not where the applied jerks lead, again and again (%s): something else moves it, or its "
@@ -301,30 +312,33 @@ class SafetyFilter:
             self._logged = reason
             _logger.exception("%s; the arm brakes", reason)
 
-    def _emergency(self, nominal: Array, reason: str) -> Decision:
+    def _emergency(self, scene: Scene | None, nominal: Array, reason: str) -> Decision:
         """Brake though the control step itself failed."""
         self._log(reason)
         jerk = np.zeros(self.robot.n)  # the last resort is to add nothing
         try:
-            view = self.records.view
-            if not self.records.settings.guarded and view.now[0]["joints"] and np.isfinite(view.joints).all():
+            view, guarded = self.records.view, self.records.settings.guarded
+            lost = guarded or self._reading.read_joints(part_of(scene, "robot")[0])
+            if not lost and np.isfinite(view.joints).all():
                 view.state[:] = view.joints
+            elif not guarded:  # where the last jerk must have led
+                integrate(view.state, self.records.memory.applied[0], self.dt, view.state)
             loop.stop(view.arms, codes.FAILED)
             jerk = view.jerk.copy()
             if view.told[0]["unverified"]:
                 reason = f"{reason}; no verified stop"
         except Exception:
             _logger.exception("the arm cannot even brake")
-        self._faults += 1
+        self._count_fault(reason, False)
         return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
 
     # ---- filters that are not compiled ---------------------------------------------------------------
 
-    def _ask(self, scene: Scene, nominal: Array) -> Decision | None:
+    def _ask(self, scene: Scene | None, nominal: Array) -> Decision | None:
         """Let :meth:`respond` propose; the control step before and after it. The proposal, if it got that far."""
-        view, work = self._records.view, self._records.work
+        view, work = self.records.view, self.records.work
         stage = loop.prepare(view.arms, view.nominal)
-        if stage == ANSWERED:
+        if stage == ANSWERED or scene is None:  # without a scene it always is
             return None
         decision, tick = None, self._tick(scene, nominal)
         if stage == ASK:
@@ -345,7 +359,7 @@ class SafetyFilter:
 
     def _tick(self, scene: Scene, nominal: Array) -> Tick:
         """What :meth:`respond` may see, and change as it likes."""
-        records, people = self._records, self._records.sizes[0]
+        records, people = self.records, self.records.sizes[0]
         work = records.work
         return Tick(
             self.robot,
@@ -368,7 +382,7 @@ class SafetyFilter:
 
     def _amended(self, tick: Tick, decision: Decision | None, held: int) -> Array:
         """Another jerk, in which the first ``held`` joints go on with the stored stop."""
-        work, proposed = self._records.work, self._records.view.jerk
+        work, proposed = self.records.work, self.records.view.jerk
         halt = work.halt.copy()
         try:
             if decision is None:

@@ -95,7 +95,7 @@ class JSSAFilter(SafetyFilter):
     def _compiled(self) -> bool:
         return super()._compiled and not self._foreign
 
-    def settings(self) -> layout.Settings:
+    def settings(self) -> layout.StepSettings:
         """The numbers that the control step goes by."""
         V, diagonal = self._projector.weight, self._projector.diagonal
         return (
@@ -109,7 +109,7 @@ class JSSAFilter(SafetyFilter):
                 recovery=self.recovery,
                 diagonal=diagonal is not None,
                 weight=np.ones(self.robot.n) if diagonal is None else diagonal.copy(),
-                inverse=np.linalg.inv(V),
+                inverse=np.asarray(np.linalg.inv(V), np.float64),
             )
         )
 

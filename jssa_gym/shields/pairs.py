@@ -31,10 +31,10 @@ class PairFilter(SafetyFilter):
         pairs = tick.pairs
         if pairs.closest < 0:
             return self.untouched(tick, -np.inf)
-        index = pairs.index(*self.coefficients())
-        if not np.isfinite(pairs.motion).all() or np.isnan(index).any():
-            return self.failed(tick, "a distance or one of its derivatives is not finite")
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by its value
+            index = pairs.index(*self.coefficients())
+            if not np.isfinite(pairs.motion).all() or np.isnan(index).any():
+                return self.failed(tick, "a distance or one of its derivatives is not finite")
             return self.answer(tick, pairs, index)
 
     def amend(self, tick: Tick, decision: Decision, held: int, halt: Array) -> Array:

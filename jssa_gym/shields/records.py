@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.tick import layout
-from jssa_gym.tick.layout import ArmRecord, Settings
+from jssa_gym.tick.layout import ArmRecord, StepSettings
 from jssa_gym.tick.structs import arms
 from jssa_gym.types import Array
 
@@ -49,7 +49,7 @@ class Records:
         settings: How it is looked after.
     """
 
-    def __init__(self, robot: ArmRecord, settings: Settings) -> None:
+    def __init__(self, robot: ArmRecord, settings: StepSettings) -> None:
         self.robot, self.settings = robot, settings
         n = len(robot.links)
         self.memory = layout.memory(1, n, 0, 0, 0)

@@ -15,7 +15,7 @@ from jssa_gym.kernels.verification import (
     LIMITS,
     SAFE,
     Around,
-    Motion,
+    StepAndStop,
     keeps_clear,
     keeps_limits,
     load_fixtures,
@@ -71,7 +71,7 @@ def keeps_safe(robot, settings, memory, jerk, work, e):
     make_plan_representable(work.next, settings.stop_limits)
     if not keeps_limits(state, jerk, work.after, work.next, settings.stop_limits, settings.dt):
         return LIMITS, -1, -1, 0.0
-    motion = Motion(state, jerk, work.after, work.next, settings.dt)
+    motion = StepAndStop(state, jerk, work.after, work.next, settings.dt)
     around = Around(
         work.grown, work.reach, memory.growth[e], memory.touch[e], memory.statics[e], memory.planes[e], settings.astray
     )  # fmt: skip

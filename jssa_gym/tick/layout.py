@@ -39,7 +39,7 @@ class ArmRecord(NamedTuple):
     """Rows lower and upper position, velocity, acceleration and jerk limits, shape (5, n)."""
 
 
-class Settings(NamedTuple):
+class StepSettings(NamedTuple):
     """Numbers that never change: how the arm is looked after."""
 
     dt: float
@@ -344,7 +344,7 @@ def answer(arms: int, n: int) -> Answer:
 
 
 def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_rows: bool) -> Work:
-    """Scratch for arms one after the other; ``static_rows`` as of :class:`Settings`."""
+    """Scratch for arms one after the other; ``static_rows`` as of :class:`StepSettings`."""
     n, m = len(robot.links), len(robot.capsules)
     others, sides = (people + statics, planes) if static_rows else (people, 0)
     pairs = (m, others + sides)

@@ -15,7 +15,7 @@ from jssa_gym.kernels.motion import integrate, violates
 Floats = NDArray[np.float64]
 
 
-class Body(NamedTuple):
+class MeasuredArm(NamedTuple):
     """An arm, where it stands, and how it is measured; never changes."""
 
     links: NDArray

@@ -3,14 +3,14 @@
 A tuple of arrays would be taken apart and put together again at every call, which costs more than most calls do.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
-from numba import types
+from numba import config, types
 from numba.experimental import structref
 
 from jssa_gym.kernels.jit import jit
-from jssa_gym.tick.layout import Answer, ArmRecord, Memory, SceneRecord, Settings, Work
-from jssa_gym.tick.move import Body, Seen
+from jssa_gym.tick.layout import Answer, ArmRecord, Memory, SceneRecord, StepSettings, Work
+from jssa_gym.tick.move import MeasuredArm, Seen
 
 
 class _Struct(types.StructRef):
@@ -80,12 +80,12 @@ class _SeenStruct(structref.StructRefProxy): ...
 
 for layout, proxy, kind in (
     (ArmRecord, _ArmRecordStruct, _ArmRecordType),
-    (Settings, _SettingsStruct, _SettingsType),
+    (StepSettings, _SettingsStruct, _SettingsType),
     (Memory, _MemoryStruct, _MemoryType),
     (SceneRecord, _SceneRecordStruct, _SceneRecordType),
     (Work, _WorkStruct, _WorkType),
     (Answer, _AnswerStruct, _AnswerType),
-    (Body, _BodyStruct, _BodyType),
+    (MeasuredArm, _BodyStruct, _BodyType),
     (Seen, _SeenStruct, _SeenType),
 ):
     structref.define_boxing(kind, proxy)
@@ -100,9 +100,19 @@ structref.define_boxing(_ArmsType, _ArmsStruct)
 structref.define_constructor(_ArmsStruct, _ArmsType, ["robot", "settings", "memory", "scene", "work", "answer"])
 
 
+class Arms(NamedTuple):
+    """The same where Python runs what else is compiled (NUMBA_DISABLE_JIT=1): its tuples are pointers already."""
+
+    robot: ArmRecord
+    settings: StepSettings
+    memory: Memory
+    scene: SceneRecord
+    work: Work
+    answer: Answer
+
+
 @jit
-def arms(robot, settings, memory, scene, work, answer):
-    """A pointer to the very arrays of these tuples, which it keeps alive."""
+def _pointer(robot, settings, memory, scene, work, answer):
     return _ArmsStruct(
         _ArmRecordStruct(*robot),
         _SettingsStruct(*settings),
@@ -113,13 +123,28 @@ def arms(robot, settings, memory, scene, work, answer):
     )
 
 
+def arms(
+    robot: ArmRecord, settings: StepSettings, memory: Memory, scene: SceneRecord, work: Work, answer: Answer
+) -> Any:
+    """A pointer to the very arrays of these tuples, which it keeps alive."""
+    return (Arms if config.DISABLE_JIT else _pointer)(robot, settings, memory, scene, work, answer)
+
+
 @jit
-def body_pointer(body):
-    """A pointer to the very arrays of a :class:`~jssa_gym.tick.move.Body`."""
+def _body(body):
     return _BodyStruct(*body)
 
 
+def body_pointer(body: MeasuredArm) -> Any:
+    """A pointer to the very arrays of a :class:`~jssa_gym.tick.move.MeasuredArm`."""
+    return body if config.DISABLE_JIT else _body(body)
+
+
 @jit
-def seen_pointer(seen):
-    """A pointer to the very arrays of a :class:`~jssa_gym.tick.move.Seen`."""
+def _seen(seen):
     return _SeenStruct(*seen)
+
+
+def seen_pointer(seen: Seen) -> Any:
+    """A pointer to the very arrays of a :class:`~jssa_gym.tick.move.Seen`."""
+    return seen if config.DISABLE_JIT else _seen(seen)

@@ -20,6 +20,7 @@ from jssa_gym.evaluation.blocked import commonest
 from jssa_gym.exceptions import BlockedError
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.plain import NoFilter
+from jssa_gym.tick.layout import FOREIGN
 
 WHY = "out of order since [today]"
 
@@ -27,17 +28,15 @@ WHY = "out of order since [today]"
 class OutOfOrder(NoFilter):
     """A filter that finds no jerk, ever."""
 
-    def _filter(self, scene, state, agents, nominal, inside):
-        return self._failed(nominal, WHY)
+    def respond(self, tick):
+        return self.failed(tick, WHY)
 
 
 class Sleepy(NoFilter):
     """A filter that finds one now and then."""
 
-    def _filter(self, scene, state, agents, nominal, inside):
-        if scene.time < 0.03:
-            return super()._filter(scene, state, agents, nominal, inside)
-        return self._failed(nominal, WHY)
+    def respond(self, tick):
+        return super().respond(tick) if tick.scene.time < 0.03 else self.failed(tick, WHY)
 
 
 @pytest.fixture(autouse=True)
@@ -49,9 +48,15 @@ def filters(monkeypatch):
     monkeypatch.setitem(FILTERS, "sleepy", build(Sleepy))
 
 
+def break_jssa(monkeypatch):
+    """It is asked, not compiled, and finds no jerk."""
+    monkeypatch.setattr(JSSAFilter, "proposal", FOREIGN)
+    monkeypatch.setattr(JSSAFilter, "respond", OutOfOrder.respond)
+
+
 @pytest.fixture
 def broken_jssa(monkeypatch):
-    monkeypatch.setattr(JSSAFilter, "_filter", OutOfOrder._filter)
+    break_jssa(monkeypatch)
 
 
 def told(capsys):
@@ -133,7 +138,7 @@ def test_stress_judges_the_whole(capsys, tmp_path, monkeypatch):
     # a fault that holds the arm by design, among others
     Stress(filters=("full", "none"), faults=("none", "partial body"), out=tmp_path / "one", **options).run()
     assert "warning" not in capsys.readouterr().err
-    monkeypatch.setattr(JSSAFilter, "_filter", OutOfOrder._filter)
+    break_jssa(monkeypatch)
     fails(Stress(filters=("full", "none"), faults=("none", "partial body"), out=tmp_path / "two", **options))
     assert "every decision was a FAULT" in told(capsys)
     assert len((tmp_path / "two" / "episodes.csv").read_text().splitlines()) == 5

@@ -9,10 +9,13 @@ import reference as ref
 
 from jssa_gym.kernels import verification as ver
 from jssa_gym.kernels.motion import integrate
-from jssa_gym.kernels.records import AGENT, FRAME, PLANE, SEGMENT, STOP, records
+from jssa_gym.kernels.records import AGENT, PLANE, STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.failsafe import levers
+from jssa_gym.safety.failsafe import FailsafeParams, levers
+from jssa_gym.shields import NoFilter
+from jssa_gym.tick import layout
+from jssa_gym.tick.admit import choose
 
 DT = 0.008
 TABLE = 0.87
@@ -201,13 +204,17 @@ class Case:
     def verdict(self, *, own=False, swing=None):
         motion = self.motion
         robot = motion.robot
-        n, m = robot.n, len(robot.capsules)
-        return ver.keeps_clear(
-            robot.links, robot.capsules, levers(robot) if swing is None else swing,
-            robot.self_pairs if own else robot.self_pairs[:0], motion.state, motion.jerk, motion.after, motion.plan,
-            motion.ticks, DT, self.agents, self.reach, self.speed, self.touch, self.statics, self.planes,
-            self.margin, np.zeros((3, n)), np.zeros(n), records(n, FRAME), records(m, SEGMENT),
+        arm = layout.ArmRecord(
+            robot.links, robot.capsules, robot.self_pairs if own else robot.self_pairs[:0],
+            levers(robot) if swing is None else swing, robot.limits.bounds(),
         )  # fmt: skip
+        moved = ver.StepAndStop(motion.state, motion.jerk, motion.after, motion.plan, DT)
+        count = len(self.agents), len(self.statics), len(self.planes)
+        work = layout.work(arm, *count, static_rows=False)
+        around = ver.Around(
+            self.agents, self.reach, self.speed, self.touch, self.statics, self.planes, self.margin
+        )  # fmt: skip
+        return ver.keeps_clear(arm, moved, motion.ticks, around, work)
 
     def slack(self, every=1):
         """Smallest gap of anything to anything [m], the oracle's."""
@@ -599,17 +606,16 @@ def test_endless_looks_end_undecided_not_safe(robot):
 def test_speeds_that_are_still_to_come_are_foreseen(robot, times):
     """No joint is ever faster than what the verification takes for its largest speed from then on."""
     rng = np.random.default_rng(5)
-    posture, fastest = np.zeros((3, 6)), np.zeros(6)
+    posture, fastest = np.zeros(6), np.zeros(6)
     for _ in range(60 * times):
         motion = Motion(robot, *a_motion(robot, rng, 1.0))
         _, positions, speeds = motion.samples
         later = np.maximum.accumulate(np.abs(speeds)[::-1])[::-1]
         # the first step, and anywhere
         for k in [*range(0, 32, 4), *rng.integers(len(positions), size=8)]:
-            ver._posture(
-                motion.state, motion.jerk, motion.after, motion.plan, DT, motion.times[k], posture, fastest
-            )  # fmt: skip
-            np.testing.assert_allclose(posture[0], positions[k], atol=1e-9)
+            moved = ver.StepAndStop(motion.state, motion.jerk, motion.after, motion.plan, DT)
+            ver._posture(moved, motion.times[k], posture, fastest)
+            np.testing.assert_allclose(posture, positions[k], atol=1e-9)
             assert np.all(later[k] <= fastest + 1e-9)
             # and not taken for much faster
             assert np.all(fastest <= later[k] + SAMPLE * np.abs(limits_of(robot)[3]) * 1.5 + 1e-6)
@@ -673,16 +679,17 @@ def test_limits_hold_within_the_step_too(robot):
 
 
 def choosing(robot, state, wanted, stored, tick, people=()):
-    n, m = robot.n, len(robot.capsules)
-    motion = Motion(robot, state, wanted)
-    case = Case(motion, people=people)
-    jerk, after, plan = np.zeros(n), np.zeros((3, n)), records(n, STOP)
-    which, why, row, column, moment = ver.choose(
-        robot.links, robot.capsules, levers(robot), robot.self_pairs, motion.state, np.array(wanted, float), stored,
-        tick, limits_of(robot), DT, case.agents, case.reach, case.speed, case.touch, case.statics, case.planes, 0.0,
-        jerk, after, plan, np.zeros((3, n)), np.zeros(n), records(n, FRAME), records(m, SEGMENT),
-    )  # fmt: skip
-    return which, why, (row, column, moment), jerk, after, plan
+    n, count = robot.n, len(people)
+    case = Case(Motion(robot, state, wanted), people=people)
+    arm = layout.ArmRecord(robot.links, robot.capsules, robot.self_pairs, levers(robot), limits_of(robot))
+    settings = NoFilter(robot, DT, failsafe=FailsafeParams()).settings()
+    assert settings.astray == 0.0
+    memory, work, jerk = layout.memory(1, n, count, 0, 0), layout.work(arm, count, 0, 0, static_rows=False), np.zeros(n)
+    memory.state[0], memory.stored[0], memory.arm["step"] = state, stored, tick
+    memory.growth[0], memory.touch[0] = case.speed, case.touch
+    work.grown[:], work.reach[:] = case.agents, case.reach
+    which, why, *where = choose(arm, settings, memory, np.array(wanted, float), jerk, work, 0)
+    return which, why, tuple(where), jerk, work.after, work.next
 
 
 def test_the_choice_is_the_first_that_is_verified(robot, times):

@@ -677,7 +677,7 @@ def layers_of(shield) -> dict:
         "filter": type(inside).__name__,
         "viability": inside.viability,
         "failsafe": inside.failsafe,
-        "guard": inside._guard is not None,
+        "guard": inside.records.settings.guarded,
         "params": inside.params,
     }
 

@@ -9,12 +9,15 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from monitors import Unsolvable
 
 import jssa_gym
 from jssa_gym.humans import ApproachRetreat, RandomWalk
+from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.projection import project_rows, scratch
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.projectors import PROJECTORS, Projection
-from jssa_gym.shields import JSSAFilter, SafetyFilter, Shield
+from jssa_gym.shields import JSSAFilter, SafetyFilter, Shield, make_filter
 from jssa_gym.types import CapsuleSet, Decision, Planes, Scene, Status
 
 
@@ -88,9 +91,9 @@ class Sick(SafetyFilter):
     def answer(self, nominal):
         raise ZeroDivisionError("sick")
 
-    def _filter(self, scene, state, agents, nominal, inside):
-        jerk, status = self.answer(nominal)
-        return Decision(jerk, nominal, status, "", 0.0, 1.0, (0, 0), 0.0, 0)
+    def respond(self, tick):
+        jerk, status = self.answer(tick.nominal)
+        return Decision(jerk, tick.nominal, status, "", 0.0, 1.0, (0, 0), 0.0, 0)
 
 
 @pytest.mark.parametrize(
@@ -119,12 +122,14 @@ def test_a_filter_is_not_trusted(answer, word: str, caplog: pytest.LogCaptureFix
 def test_a_projection_without_a_solution_brakes(projector: str, monkeypatch: pytest.MonkeyPatch) -> None:
     env = gym.make("jssa_gym/Home-v0", terminate_on=(), human=ApproachRetreat(start=0.9, nearest=(0.65, 0.65)))
     env.reset(seed=0)
-    filter = JSSAFilter(env.unwrapped.robot, env.unwrapped.dt, projector=projector)
+    filter = Unsolvable(env.unwrapped.robot, env.unwrapped.dt, projector=projector)
     nominal = np.full(6, 3.0)
     while filter.decide(env.unwrapped.scene, nominal).rows == 0:
         env.step(nominal / env.unwrapped.robot.limits.jerk)
     scene = env.unwrapped.scene
     unsolved = Projection(nominal.copy(), False, np.nan, "")
+    if projector == "exact":
+        filter.make_unsolvable()
     monkeypatch.setattr(filter._projector, "project", lambda *_: unsolved)
     decision = filter.decide(scene, nominal)
     assert decision.status == Status.FAULT
@@ -199,13 +204,15 @@ def test_a_scene_that_cannot_be_had_brakes() -> None:
     assert np.abs(arm.acceleration).max() < 1e-6
 
 
-@pytest.mark.parametrize("kernel", ["filter.take_in", "filter.unfit", "failsafe.choose", "failsafe.load_fixtures"])
+MACHINERY = {"jssa": ("loop.decide_all", "Reading.read"), "cbf": ("loop.prepare", "loop.settle")}
+"""What a control step is made of, for a compiled filter and for one that is not."""
+
+
+@pytest.mark.parametrize(("name", "what"), [(name, what) for name, parts in MACHINERY.items() for what in parts])
 @pytest.mark.parametrize("stop", [True, False])
-def test_machinery_that_fails_is_no_bad_scene(kernel, stop, monkeypatch, caplog) -> None:
-    if not stop and kernel.startswith("failsafe"):
-        pytest.skip("no verified stop, no such kernel")
+def test_machinery_that_fails_is_no_bad_scene(name, what, stop, monkeypatch, caplog) -> None:
     env = gym.make("jssa_gym/Home-v0", human="none", terminate_on=())
-    env = jssa_gym.JSSAShield(env, failsafe=stop)
+    env = Shield(env, name, stop=stop)
     env.reset(seed=0)
     for _ in range(10):
         assert env.step(np.full(6, 0.2))[4]["shield/status"] == Status.NOMINAL
@@ -213,16 +220,65 @@ def test_machinery_that_fails_is_no_bad_scene(kernel, stop, monkeypatch, caplog)
     def broken(*_):
         raise EOFError("Ran out of input")
 
-    monkeypatch.setattr(f"jssa_gym.shields.{kernel}", broken)
-    for _ in range(100):
+    monkeypatch.setattr(f"jssa_gym.shields.filter.{what}", broken)
+    for _ in range(130):
         *_, info = env.step(np.full(6, 0.2))
         assert info["shield/status"] == Status.FAULT
         assert "EOFError: Ran out of input" in info["shield/reason"]
         assert "scene" not in info["shield/reason"]
+    assert sum("Every decision of the last" in record.message for record in caplog.records) == 1
     state = env.unwrapped.scene.robot
     assert max(np.abs(state.velocity).max(), np.abs(state.acceleration).max()) < 1e-6
     monkeypatch.undo()
     assert env.step(np.zeros(6))[4]["shield/status"] == Status.NOMINAL
+
+
+@pytest.mark.parametrize("stop", [True, False])
+@pytest.mark.parametrize("scene", [None, Scene(*(None for _ in Scene._fields))], ids=["none", "empty"])
+def test_machinery_that_fails_without_a_scene_brakes_by_dead_reckoning(scene, stop, robot, make_scene, monkeypatch):
+    filter = make_filter("jssa", robot, 0.008, failsafe=FailsafeParams() if stop else None)
+    state = np.array([robot.home, np.zeros(6), np.zeros(6)])
+    filter.reset(make_scene(state))
+    for k in range(10):
+        integrate(state, filter.decide(make_scene(state, time=0.008 * k), 0.2 * robot.limits.jerk).jerk, 0.008, state)
+    assert np.abs(state[1]).min() > 0.01
+    monkeypatch.setattr("jssa_gym.shields.filter.loop.decide_all", lambda *_: 1 // 0)
+    for _ in range(100):
+        decision = filter.decide(scene, 0.2 * robot.limits.jerk)
+        assert decision.status == Status.FAULT
+        assert "ZeroDivisionError" in decision.reason
+        integrate(state, decision.jerk, 0.008, state)
+    assert np.abs(state[1:]).max() < 1e-6
+
+
+class Nameless:
+    """A name that cannot be said."""
+
+    def __format__(self, spec):
+        raise ZeroDivisionError("nameless")
+
+
+@pytest.mark.parametrize("name", ["jssa", "cbf"])
+def test_a_name_that_cannot_be_said_changes_nothing_but_the_reason(name, robot, make_scene) -> None:
+    """The stop goes on by one tick and no more: what is decided is decided, whatever can be said of it."""
+    answers = []
+    for wall in ("wall", Nameless()):
+        filter = make_filter(name, robot, 0.008, viability=True, failsafe=FailsafeParams())
+        planes = Planes(np.array([[-1.0, 0.0, 0.0]]), np.array([-0.9]), (wall,))
+        state, seen = np.array([robot.home, np.zeros(6), np.zeros(6)]), []
+        filter.reset(make_scene(state))
+        for k in range(200):
+            scene = make_scene(state, time=0.008 * k)._replace(planes=planes)
+            decision = filter.decide(scene, 0.3 * robot.limits.jerk * [0, 1, 1, 0, 0, 0])
+            seen.append((*decision.jerk, decision.status, decision.reason == ""))
+            assert decision.status != Status.FAULT, decision.reason
+            assert (" would meet ... (ZeroDivisionError)" in decision.reason) == (
+                wall != "wall" and decision.status == Status.FAILSAFE and "joint limits" not in decision.reason
+            )
+            integrate(state, decision.jerk, 0.008, state)
+        assert Status.FAILSAFE in {status for *_, status, _ in seen}
+        answers.append(seen)
+    assert answers[0] == answers[1]
 
 
 class Doubling(gym.Wrapper):
@@ -309,7 +365,7 @@ SHIELD_LATER = """
 import sys
 from pathlib import Path
 import gymnasium as gym, jssa_gym
-from jssa_gym.kernels.tick import tick
+from jssa_gym.tick.move import move
 
 def compiled(kernel):  # as numba leaves it
     folder = Path(kernel.stats.cache_path)
@@ -324,7 +380,7 @@ said("bare")
 env = gym.make("jssa_gym/Home-v0", human="none")
 said("again")
 jssa_gym.JSSAShield(gym.make("jssa_gym/Reach-v0"))
-compiled(tick)
+compiled(move)
 said("shield")
 jssa_gym.JSSAShield(env)
 said("more shields")

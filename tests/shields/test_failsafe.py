@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import reference as ref
+from monitors import Unsolvable, forget_people, step_of, stored
 from places import environment
 from strollers import ball
 
@@ -22,6 +23,7 @@ from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import Projection
 from jssa_gym.safety.proximity import measure
 from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, NoFilter, SafetyFilter, Shield, make_filter
+from jssa_gym.shields.reasons import SAMPLES
 from jssa_gym.types import CapsuleSet, Decision, JointState, Planes, Status
 
 DT = 0.008
@@ -61,7 +63,8 @@ class Arm:
 
     def surprise(self, human):
         """Somebody is there who was not there before: a change that nobody who is remembered can make."""
-        self.human, self.filter._guard._monitor = human, None
+        self.human = human
+        forget_people(self.filter)
 
     def scene(self, **changes):
         return self.make_scene(self.state, self.human, time=self.time)._replace(**changes)
@@ -69,15 +72,15 @@ class Arm:
     @property
     def tail(self):
         """The next jerk of the stored stop."""
-        jerk, guard = np.zeros(6), self.filter._guard
-        stop_jerk(guard._stored, guard._tick, jerk)
+        jerk = np.zeros(6)
+        stop_jerk(stored(self.filter), step_of(self.filter), jerk)
         return jerk
 
     @property
     def left(self) -> int:
         """Ticks until the stored stop's end."""
-        guard = self.filter._guard
-        return int(max(0, max(s["ramp"] + s["hold"] + s["release"] for s in guard._stored) - guard._tick))
+        lengths = (s["ramp"] + s["hold"] + s["release"] for s in stored(self.filter))
+        return int(max(0, max(lengths) - step_of(self.filter)))
 
     def move(self, jerk):
         integrate(self.state, jerk, DT, self.state)
@@ -191,7 +194,7 @@ def test_limits_stops_and_touches_whatever_anybody_does(robot, make_scene, kind,
             assert decision.status != Status.FAULT, decision.reason
             if decision.status == Status.FAILSAFE:
                 assert decision.reason
-                if arm.filter._guard._tick:
+                if step_of(arm.filter):
                     np.testing.assert_array_equal(decision.jerk, tail)
                     assert arm.left == max(left - 1, 0)
                 else:
@@ -212,10 +215,10 @@ def test_limits_stops_and_touches_whatever_anybody_does(robot, make_scene, kind,
             assert near.contact_speed < 1e-5
             touched += near.smallest < 0.0
             if k % 25 == 0:
-                state, jerk, guard = arm.state.copy(), np.zeros(6), arm.filter._guard
-                np.testing.assert_allclose(state, guard.expected, atol=1e-12)
-                for tick in range(guard._tick, guard._tick + arm.left):
-                    stop_jerk(guard._stored, tick, jerk)
+                state, jerk, step = arm.state.copy(), np.zeros(6), step_of(arm.filter)
+                np.testing.assert_allclose(state, arm.filter.expected, atol=1e-12)
+                for tick in range(step, step + arm.left):
+                    stop_jerk(stored(arm.filter), tick, jerk)
                     integrate(state, jerk, DT, state)
                     assert not violates(state, jerk, arm.bounds, 1e-9)
                 assert np.abs(state[1:]).max() < 1e-9
@@ -419,14 +422,14 @@ class Sick(NoFilter):
 
     how = None
 
-    def _filter(self, scene, state, agents, nominal, inside):
-        decision = super()._filter(scene, state, agents, nominal, inside)
+    def respond(self, tick):
+        decision = super().respond(tick)
         if self.how is None:
             return decision
-        return self.how(self, decision)
+        return self.how(self, tick, decision)
 
 
-def _raises(filter, decision):
+def _raises(filter, tick, decision):
     raise ZeroDivisionError("sick")
 
 
@@ -449,19 +452,19 @@ def _writes(decision):
 
 SICK = {
     "raises": (_raises, "ZeroDivisionError"),
-    "NaN": (lambda f, d: d._replace(jerk=np.full(6, np.nan)), "not finite"),
-    "beyond": (lambda f, d: d._replace(jerk=np.full(6, 1e4)), "outside the jerk bounds"),
-    "None": (lambda f, d: None, "AttributeError"),
-    "shape": (lambda f, d: d._replace(jerk=np.zeros(5)), "shape"),
-    "float32": (lambda f, d: d._replace(jerk=np.zeros(6, np.float32)), "type"),
-    "not the nominal": (lambda f, d: d._replace(status=Status.NOMINAL, jerk=d.jerk / 2.0), "not the nominal"),
-    "a fault of its own": (lambda f, d: d._replace(status=Status.FAULT, reason="I am sick"), "I am sick"),
-    "failed": (lambda f, d: f._failed(d.nominal, "I am sick"), "I am sick"),
-    "phi is None": (lambda f, d: d._replace(phi=None), "TypeError"),
-    "three in a pair": (lambda f, d: d._replace(pair=(0, 0, 0)), "ValueError"),
-    "a status of its own": (lambda f, d: d._replace(status=17), "ValueError"),
-    "a tuple of its own": (lambda f, d: OwnDecision(*d), "OwnDecision, no Decision"),
-    "writes into the nominal": (lambda f, d: _writes(d), "not the nominal"),
+    "NaN": (lambda f, t, d: d._replace(jerk=np.full(6, np.nan)), "not finite"),
+    "beyond": (lambda f, t, d: d._replace(jerk=np.full(6, 1e4)), "outside the jerk bounds"),
+    "None": (lambda f, t, d: None, "AttributeError"),
+    "shape": (lambda f, t, d: d._replace(jerk=np.zeros(5)), "shape"),
+    "float32": (lambda f, t, d: d._replace(jerk=np.zeros(6, np.float32)), "type"),
+    "not the nominal": (lambda f, t, d: d._replace(status=Status.NOMINAL, jerk=d.jerk / 2.0), "not the nominal"),
+    "a fault of its own": (lambda f, t, d: d._replace(status=Status.FAULT, reason="I am sick"), "I am sick"),
+    "failed": (lambda f, t, d: f.failed(t, "I am sick"), "I am sick"),
+    "phi is None": (lambda f, t, d: d._replace(phi=None), "TypeError"),
+    "three in a pair": (lambda f, t, d: d._replace(pair=(0, 0, 0)), "ValueError"),
+    "a status of its own": (lambda f, t, d: d._replace(status=17), "ValueError"),
+    "a tuple of its own": (lambda f, t, d: OwnDecision(*d), "OwnDecision, no Decision"),
+    "writes into the nominal": (lambda f, t, d: _writes(d), "not the nominal"),
 }
 
 
@@ -477,7 +480,7 @@ def test_numbers_of_any_kind_are_an_answer(robot, make_scene):
     """What a filter of a user's own answers is taken as Python's numbers, whatever numpy made of them."""
     filter = Sick(robot, DT, viability=True, failsafe=PARAMS)
     arm = Arm(filter, make_scene).get_going()
-    filter.how = lambda f, d: d._replace(
+    filter.how = lambda f, t, d: d._replace(
         phi=np.float32(0.5), distance=np.float64(2.0), slack=0, pair=np.unravel_index(3, (2, 2)), status=int(d.status)
     )
     decision = arm.step(np.zeros(6))
@@ -493,9 +496,9 @@ def test_a_filter_that_fails_itself_outside_its_box_moves_the_stored_stop_on_by_
     filter = Sick(robot, DT, viability=True, failsafe=PARAMS)
     arm = Arm(filter, make_scene).get_going()
 
-    def fail(self, decision):
+    def fail(self, tick, decision):
         self.lower[:], self.upper[:] = 1e-3, 2e-3
-        return self._failed(decision.nominal, "I am sick")
+        return self.failed(tick, "I am sick")
 
     filter.how = fail
     assert_stored_stop_goes_on(arm, lambda: filter.decide(arm.scene(), np.zeros(6)), "I am sick", 3)
@@ -505,7 +508,7 @@ def test_a_filter_that_fails_itself_outside_its_box_moves_the_stored_stop_on_by_
     "jerk", [np.full(6, np.nan), np.full(6, np.inf), np.zeros(4), None, np.full(6, 1e6), "nothing"], ids=str
 )
 def test_a_projection_that_is_none_ends_in_the_stored_stop(robot, make_scene, jerk, monkeypatch, caplog):
-    arm = Arm(jssa(robot), make_scene, human=ball([1.3, 0.0, 1.3])).get_going(share=0.2)
+    arm = Arm(jssa(robot, projector="osqp"), make_scene, human=ball([1.3, 0.0, 1.3])).get_going(share=0.2)
     unsolved = isinstance(jerk, str)
     wrong = Projection(np.zeros(6) if unsolved else jerk, True, np.nan if unsolved else 0.0, "")
     called = []
@@ -516,6 +519,22 @@ def test_a_projection_that_is_none_ends_in_the_stored_stop(robot, make_scene, je
         assert arm.inside()
         if called:
             assert decision.status == Status.FAULT
+            np.testing.assert_array_equal(decision.jerk, tail)
+            break
+    else:
+        pytest.fail("no row was ever needed")
+
+
+def test_a_compiled_projection_that_is_none_ends_in_the_stored_stop(robot, make_scene):
+    filter = Unsolvable(robot, DT, viability=True, failsafe=PARAMS)
+    arm = Arm(filter, make_scene, human=ball([1.3, 0.0, 1.3])).get_going(share=0.2)
+    filter.make_unsolvable()
+    for _ in range(150):
+        tail = arm.tail
+        decision = arm.step(0.6 * robot.limits.jerk * [1, 1, -1, 1, 1, 1])
+        assert arm.inside()
+        if decision.status == Status.FAULT:
+            assert decision.reason == "the projection found no solution"
             np.testing.assert_array_equal(decision.jerk, tail)
             break
     else:
@@ -562,16 +581,16 @@ def test_missed_ticks_on_the_stored_stop_are_no_deviation(robot, make_scene, kin
     """While no decision was made the arm went on with its stop; it goes on from there, still verified."""
     measured = (tolerance, np.inf, np.inf) if tolerance else (0.0, 0.0, 0.0)
     arm = Arm(KINDS[kind](robot, FailsafeParams(state_tolerance=measured)), make_scene).get_going()
-    guard, jerk = arm.filter._guard, np.zeros(6)
-    for tick in range(guard._tick, guard._tick + missed):
-        stop_jerk(guard._stored, tick, jerk)
+    step, jerk = step_of(arm.filter), np.zeros(6)
+    for tick in range(step, step + missed):
+        stop_jerk(stored(arm.filter), tick, jerk)
         arm.move(jerk)
-    stop_jerk(guard._stored, guard._tick + missed, jerk)
+    stop_jerk(stored(arm.filter), step + missed, jerk)
     arm.surprise(ball([3.0, 0.0, 1.2], radius=4.0))
     decision = arm.step(robot.limits.jerk)
     assert decision.status == Status.FAILSAFE, decision.reason
     np.testing.assert_array_equal(decision.jerk, jerk)
-    np.testing.assert_allclose(guard.expected, arm.state, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(arm.filter.expected, arm.state, rtol=0.0, atol=1e-12)
 
 
 def test_a_missed_tick_that_a_tolerance_hides_is_no_deviation(robot, make_scene):
@@ -584,13 +603,13 @@ def test_a_missed_tick_that_a_tolerance_hides_is_no_deviation(robot, make_scene)
         arm.move(arm.tail)
         for _ in range(300):
             assert arm.step(np.zeros(6)).status != Status.FAULT
-        np.testing.assert_allclose(arm.filter._guard.expected, arm.state, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(arm.filter.expected, arm.state, rtol=0.0, atol=1e-12)
 
 
 def elsewhere(arm, how):
     """Move the arm to where no jerk of the filter has led."""
     if how in ("last jerk held", "zero jerk"):
-        jerk = arm.filter._applied.copy() if how == "last jerk held" else np.zeros(6)
+        jerk = arm.filter.records.memory.applied[0].copy() if how == "last jerk held" else np.zeros(6)
         for _ in range(3):
             arm.move(jerk)
     elif how == "teleported":
@@ -605,7 +624,7 @@ def test_an_arm_that_is_elsewhere_is_stopped_from_where_it_must_be(robot, make_s
     """A reading is no reason to give up a verified stop: it goes on, and nothing else is done until a reset."""
     arm = Arm(KINDS[kind](robot), make_scene).get_going(share=0.3)
     elsewhere(arm, how)
-    expected, left = arm.filter._guard.expected.copy(), arm.left
+    expected, left = arm.filter.expected.copy(), arm.left
     for k in range(left + 40):
         tail = arm.tail
         decision = arm.step(robot.limits.jerk)
@@ -614,7 +633,7 @@ def test_an_arm_that_is_elsewhere_is_stopped_from_where_it_must_be(robot, make_s
         assert "no verified stop" not in decision.reason
         np.testing.assert_array_equal(decision.jerk, tail)
         integrate(expected, tail, DT, expected)
-        np.testing.assert_array_equal(arm.filter._guard.expected, expected)
+        np.testing.assert_array_equal(arm.filter.expected, expected)
         assert not violates(expected, tail, arm.bounds, 1e-9)
         assert k < left or not np.any(tail)
     assert np.abs(expected[1:]).max() < 1e-6
@@ -706,9 +725,7 @@ def test_a_person_spawned_inside_a_moving_arm_finds_it_at_rest_soon(robot, make_
     length = arm.left
     capsules = measure(robot, JointState(*arm.state), arm.human, Planes(np.zeros((0, 3)), np.zeros(0), ()))
     assert capsules.smallest > 0.5
-    arm.filter._guard._monitor.reset()  # whoever comes now is who there is
-    arm.human = Body.facing().at((0.4, 0.0), (0.0, 0.0))
-    arm.filter._guard._monitor = None
+    arm.surprise(Body.facing().at((0.4, 0.0), (0.0, 0.0)))
     for k in range(length + 20):
         tail = arm.tail
         decision = arm.step(robot.limits.jerk)
@@ -832,7 +849,7 @@ def test_a_contact_speed_lets_pass_slow_motion_only_and_only_where_it_is_allowed
         assert rejected_at(robot, make_scene, params, 0.0, name=part, share=0.5) == slow, (contact, part)
         assert rejected_at(robot, make_scene, params, -0.05, name=part, share=0.5) == slow, (contact, part)
         arm = Arm(plain(robot, params), make_scene).get_going(0.3)
-        assert arm.filter._guard.params == params
+        np.testing.assert_array_equal(arm.filter.records.memory.touch[0], [params.contact_speed_of("core_body")])
         arm.surprise(ball([3.0, 0.0, 1.2], radius=4.0))
         assert (arm.step(robot.limits.jerk).status == Status.FAILSAFE) == fast
 
@@ -976,7 +993,8 @@ def test_rows_ask_for_what_they_say_and_get_it(robot, random_scene, recovery, ti
         decision = filter.decide(scene, rng.uniform(-1.0, 1.0, 6) * robot.limits.jerk)
         if decision.rows == 0:
             continue
-        owner, target = (rows[: decision.rows].copy() for rows in (filter._horizon._owner, filter._horizon._target))
+        work = filter.records.work
+        owner, target = (rows[: decision.rows].copy() for rows in (work.owner, work.target))
         good = decision.status == Status.PROJECTED or "recovering" in decision.reason
         recovering = decision.status == Status.RELAXED and "recovering" in decision.reason
         assert not recovering or target.max() > 0.0
@@ -1102,9 +1120,9 @@ def test_a_radius_that_changes_at_once_is_not_believed(robot, make_scene):
     arm = Arm(plain(robot), make_scene, human=ball([1.0, 0.0, 1.2], 0.3))
     arm.step(np.zeros(6))
     arm.human = ball([1.0, 0.0, 1.2], 0.01)
-    watch = arm.filter._guard.watch(arm.scene(time=arm.time))
-    assert watch.human.radius[0] == 0.3
-    assert "jumped" in watch.reason
+    arm.step(np.zeros(6))
+    assert arm.filter.records.work.radius[0] == 0.3
+    assert "jumped" in SAMPLES[arm.filter.records.answer.told[0]["sample"]]
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,8 @@ from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.policies import HoldPolicy, WanderPolicy
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
+from jssa_gym.safety.pairs import measure_pairs
+from jssa_gym.safety.proximity import agent_records
 from jssa_gym.shields import (
     FILTERS,
     CBFFilter,
@@ -99,17 +101,17 @@ def phi_rate(D, lambda1, lambda2=0.0):
 
 
 def test_derivatives_are_those_of_the_motion(robot, random_scene):
-    chosen = make_filter("ssa", robot, DT)
     for scene, jerk in scenes(random_scene, 6, motion=0.3):
-        chosen.decide(scene, np.zeros(6))
+        pairs = measure_pairs(robot, np.array(scene.robot), agent_records(scene.human))
+        index = pairs.index(0.05, 3.0, 0.0)
         for number in range(30):
             pair = divmod(number, 6)
             expected = motion(scene, *pair, jerk)
-            found = chosen._motion[number].copy()
-            found[3] += chosen._rows[number] @ jerk
+            found = pairs.motion[number].copy()
+            found[3] += pairs.rows[number] @ jerk
             for order, tolerance in enumerate((1e-9, 1e-7, 1e-5, 1e-2)):
                 assert found[order] == pytest.approx(expected[order], rel=1e-5, abs=tolerance)
-            assert chosen._phi[number] == pytest.approx(0.0025 - found[0] * abs(found[0]) - 3.0 * found[1], abs=1e-9)
+            assert index[number] == pytest.approx(0.0025 - found[0] * abs(found[0]) - 3.0 * found[1], abs=1e-9)
 
 
 # ---- safe set algorithm -----------------------------------------------------------------------------------
@@ -326,7 +328,7 @@ def test_ssm_nobody_farther_than_the_protective_distance_meets_the_moving_arm(ro
     for scene, jerk in scenes(random_scene, 2, seed=seed, near=0.9, motion=0.3):
         jerk = 0.5 * jerk
         chosen.decide(scene, jerk)
-        needed = chosen.protective_distance(jerk).reshape(5, 6)
+        needed = chosen.protective_distance(chosen._tick(scene, jerk), jerk).reshape(5, 6)
         path, stopping = ends_along_the_stop(robot, scene, jerk)
         human = scene.human
         for i, j in np.ndindex(5, 6):
@@ -351,7 +353,7 @@ def test_ssm_at_rest_by_hand(robot, make_scene):
     def needed(**values):
         chosen = make_filter("ssm", robot, DT, params=SSMParams(**values))
         chosen.decide(scene, np.zeros(6))
-        return chosen.protective_distance(np.zeros(6))
+        return chosen.protective_distance(chosen._tick(scene, np.zeros(6)), np.zeros(6))
 
     np.testing.assert_allclose(needed(), 1.6 * 0.008, rtol=1e-12)
     errors = {"intrusion": 0.02, "human_error": 0.03, "robot_error": 0.004}

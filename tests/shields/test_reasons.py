@@ -9,21 +9,29 @@ import pytest
 
 import jssa_gym
 from jssa_gym import FILTERS, ArmEnv, SensorModel, Shield, Status, make_filter
-from jssa_gym.safety import joints, monitor
+from jssa_gym.kernels.trust import BROKEN, COVERED, LOST, NEVER
+from jssa_gym.kernels.verification import HALF_SPACE, REACH, SELF, STATIC
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import reasons
-from jssa_gym.shields.reasons import REASONS, reason_code
-from jssa_gym.types import Decision
+from jssa_gym.shields.reasons import FAULTS, FIXTURES, REASONS, SAMPLES, UNFIT, reason_code
+from jssa_gym.shields.words import Told, in_words
+from jssa_gym.tick import codes
+from jssa_gym.tick.people import BACK, NO_TIME
+from jssa_gym.types import CapsuleSet, Decision
 
 PACKAGE = Path(jssa_gym.__file__).parent
 
-GIVES = ("_failed", "_brake", "_fault", "_blind", "_decided", "_replace", "_UnsolvedError", "Decision", "Watch")
+GIVES = ("failed", "decided", "_emergency", "_replace", "Decision")
 """Calls that take a reason."""
 
-MONITORS = ("monitor", "joints")
+CODES = {value: name for name, value in vars(codes).items() if isinstance(value, int) and value >= 100}
+"""What the control step says, by numbers, under the names that it has for them."""
 
-RETURNS = ("_describe", "follow", "of_clipping", "_take", "_date", "_undated", "_lagging")
-"""Functions that return one."""
+INDIRECT = {"TRUST", "FOREIGN", "OTHER_TICK"}
+"""The first of several; an answer that somebody else words; a reason that has no number."""
+
+BY_WAY_OF = {"NOT_FINITE_PEOPLE", "UNVERIFIED"}
+"""Reckoned from the first of its kind; said of others."""
 
 
 def code_of(reason, status):
@@ -37,11 +45,7 @@ def texts_in(node):
         case ast.Constant(value=str(text)):
             yield text
         case ast.JoinedStr(values=values):
-            verdicts = [v for v in values if isinstance(v, ast.FormattedValue) and "_VERDICTS" in ast.unparse(v)]
-            for verdict in monitor._VERDICTS if verdicts else ("",):
-                yield "".join(
-                    str(v.value) if isinstance(v, ast.Constant) else verdict if v in verdicts else "x" for v in values
-                )
+            yield "".join(str(v.value) if isinstance(v, ast.Constant) else "x" for v in values)
         case ast.IfExp(body=body, orelse=other):
             yield from texts_in(body)
             yield from texts_in(other)
@@ -62,32 +66,117 @@ def given(tree):
                     yield from texts_in(argument)
             case ast.Assign(targets=[target], value=value) if re.search(r"\breason\b", ast.unparse(target)):
                 yield from texts_in(value)
-            case ast.FunctionDef(name=name) if name in RETURNS:
+            case ast.FunctionDef(name="of_clipping"):
                 for inner in ast.walk(node):
                     if isinstance(inner, ast.Return) and inner.value is not None:
                         yield from texts_in(inner.value)
 
 
 def every_text():
-    found = {*reasons.FAULTS, *reasons.UNFIT, *joints.WRONG.values(), joints.MOVING, joints.NOT_FINITE}
-    for path in [*(PACKAGE / "shields").glob("*.py"), *(PACKAGE / "safety" / f"{name}.py" for name in MONITORS)]:
-        found |= set(given(ast.parse(path.read_text())))
+    """What filters say that are not compiled, and what is said of them."""
+    found = set()
+    for path in (PACKAGE / "shields").glob("*.py"):
+        # what the control step says becomes text there, in test_every_code_is_told_in_words_of_its_own
+        found |= set(given(ast.parse(path.read_text()))) if path.name != "words.py" else set()
     # what begins with another reason adds to it
-    return sorted(text for text in found if text and not text.startswith("x; "))
+    return sorted(text for text in found if text and not text.startswith(("x; ", "x (")))
 
 
 def known(text):
     return {code for status in Status if (code := code_of(text, status)) % 100}
 
 
+@pytest.fixture
+def tell(robot, make_scene):
+    """Words for an answer of the control step, given by its fields."""
+    chosen = make_filter("stop", robot, 0.008, failsafe=FailsafeParams())
+    at, still = np.array([[3.0, 0.0, 1.2]]), np.zeros((1, 3))
+    post = CapsuleSet(at, at, still, still, np.array([0.1]), ("hand",), np.zeros(1, np.int64))
+    scene = make_scene([robot.home, np.zeros(6), np.zeros(6)], post)._replace(static=post)
+    chosen.reset(scene)
+    assert chosen.decide(scene, np.zeros(6)).status == Status.NOMINAL
+    chosen._reading.wrong.update(dict.fromkeys(chosen._reading.wrong, "no such thing"))
+    fine = Told(*chosen.records.answer.told.item())
+
+    def say(code, nominal=None, **fields):
+        told = fine._replace(**{"status": abs(code) // 100, "code": code, "capsule": 0, "other": 0, **fields})
+        return in_words(told, np.zeros(6) if nominal is None else nominal, robot, chosen.records, chosen._reading)
+
+    return say
+
+
+VARIETIES = {
+    codes.REACH: [{"detail": REACH}],
+    codes.MEETS: [{"detail": kind} for kind in (HALF_SPACE, STATIC, SELF)],
+    codes.SCENE: [{"detail": what} for what in range(len(FIXTURES))],
+    codes.PEOPLE: [{"detail": what} for what in (0, NO_TIME, BACK)],
+    codes.ANSWER: [{"detail": what} for what in range(1, len(UNFIT))],
+    codes.LAGS: [{"ticks": ticks} for ticks in (1, 3)],
+    **{
+        codes.TRUST + 1 + k: [{"detail": cover} for cover in (COVERED, LOST, NEVER, BROKEN)]
+        for k in range(len(SAMPLES))
+    },
+}
+"""What a code can be said of, where that is more than one thing."""
+
+SAID = sorted({*VARIETIES, *(code for code, name in CODES.items() if name not in {*INDIRECT, "UNVERIFIED"})})
+
+
+@pytest.mark.parametrize("code", SAID)
+def test_every_code_is_told_in_words_of_its_own(tell, code):
+    status, said = code // 100, set()
+    for fields in VARIETIES.get(code, [{}]):
+        text = tell(code, **fields)
+        said.add(text)
+        assert code_of(text, status) == code, text
+        if status != Status.FAULT:
+            continue
+        assert code_of(tell(code, unverified=True, **fields), status) == code
+        assert tell(code, unverified=True, **fields).endswith("no verified stop")
+        assert code_of(tell(-code, **fields), status) == code
+        both = tell(code, np.full(6, np.nan), **fields)
+        assert code_of(both, status) == codes.NOT_FINITE_NOMINAL
+        assert text in both
+    assert len(said) == len(VARIETIES.get(code, [{}])) - (codes.TRUST < code < codes.TRUST + 10)
+
+
+def test_a_stop_that_is_not_verified_says_what_is_in_the_way(tell):
+    for code in (codes.LIMITS, codes.UNDECIDED, codes.REACH, codes.MEETS):
+        kind = VARIETIES.get(code, [{}])[0]
+        alone, text = tell(code, **kind), tell(code, status=Status.FAULT, **kind)
+        assert text == f"no verified stop: {alone}"
+        assert code_of(text, Status.FAULT) == codes.UNVERIFIED
+
+
+def test_people_of_another_tick_have_words_without_a_number(tell):
+    assert tell(codes.OTHER_TICK) == "the people are of another tick"
+    assert code_of(tell(codes.OTHER_TICK), Status.FAULT) == codes.OTHER_TICK
+
+
+def test_every_code_is_said_somewhere():
+    """What nobody says any more is no code of the control step."""
+    said = {
+        node.attr
+        for folder in ("tick", "shields")
+        for path in (PACKAGE / folder).glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "codes"
+    }
+    assert set(CODES.values()) - said == BY_WAY_OF
+    assert len(FAULTS) - 1 == codes.UNMEASURED - codes.NOT_FINITE_NOMINAL + 1
+
+
 def test_every_reason_that_the_sources_give_has_a_code():
     texts = every_text()
-    assert len(texts) > 30
+    assert len(texts) > 12
     assert [text for text in texts if not known(text)] == []
 
 
-def test_every_code_has_a_reason_that_the_sources_give():
-    assert set().union(*(known(text) for text in every_text())) == set(REASONS)
+def test_every_code_has_a_reason_that_somebody_gives():
+    others = set().union(*(known(text) for text in every_text()))
+    assert others | {*SAID, codes.UNVERIFIED} == set(REASONS)
+    # and those that only filters give which are not compiled are no codes of the control step
+    assert set(REASONS) - {*SAID, codes.UNVERIFIED} == {104, 105, 106, 107, 204, 205, 425}
 
 
 def test_no_two_reasons_share_a_code_by_chance():

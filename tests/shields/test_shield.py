@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import reference as ref
+from monitors import Unsolvable
 
 import jssa_gym
 from jssa_gym.cli.demo import paper_scene
@@ -476,8 +477,8 @@ BROKEN = {
 @pytest.mark.parametrize("how", list(BROKEN))
 def test_a_filter_that_fails_is_a_fault_that_brakes(robot, make_scene, how):
     class Broken(SafetyFilter):
-        def _filter(self, scene, state, agents, nominal, inside):
-            return BROKEN[how](nominal)
+        def respond(self, tick):
+            return BROKEN[how](tick.nominal)
 
     scene = moving(make_scene)
     decision = Broken(robot, DT).decide(scene, np.zeros(6))
@@ -498,7 +499,7 @@ PROJECTIONS = {
 @pytest.mark.parametrize("gradient", ["exact", "printed"])
 @pytest.mark.parametrize("how", list(PROJECTIONS))
 def test_a_projector_that_fails_is_a_fault_that_brakes(robot, random_scene, how, gradient):
-    good, bad = (JSSAFilter(robot, DT, gradient=gradient) for _ in range(2))
+    good, bad = JSSAFilter(robot, DT, gradient=gradient), JSSAFilter(robot, DT, gradient=gradient, projector="osqp")
     bad._projector.project = PROJECTIONS[how]
     for scene, nominal, _ in statuses(good, random_scene, {Status.PROJECTED: 3}, motion=0.25):
         decision = bad.decide(scene, nominal)
@@ -507,6 +508,21 @@ def test_a_projector_that_fails_is_a_fault_that_brakes(robot, random_scene, how,
             continue
         assert decision.status == Status.FAULT
         assert_brakes(decision, scene)
+
+
+@pytest.mark.parametrize("gradient", ["exact", "printed"])
+def test_a_compiled_projection_that_fails_is_a_fault_that_brakes(robot, random_scene, gradient):
+    good, bad, told = JSSAFilter(robot, DT, gradient=gradient), Unsolvable(robot, DT, gradient=gradient), set()
+    bad.make_unsolvable()
+    for scene, nominal, _ in statuses(good, random_scene, {Status.PROJECTED: 3}, motion=0.25):
+        decision = bad.decide(scene, nominal)
+        check_decision(decision, bad)
+        if not good.decide(scene, nominal).rows:
+            continue
+        told.add(decision.reason)
+        assert decision.status == Status.FAULT
+        assert_brakes(decision, scene)
+    assert told == {"the projection found no solution" if gradient == "exact" else "the printed row is not finite"}
 
 
 def test_no_scene_at_all_is_a_fault(filter, make_scene):

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import reference as ref
-from monitors import JointMonitor
+from monitors import JointMonitor, stored, watch
 from strollers import ball
 
 from jssa_gym.envs import ArmEnv
@@ -15,7 +15,8 @@ from jssa_gym.humans import nobody, together
 from jssa_gym.kernels.motion import violates
 from jssa_gym.policies import BangBangPolicy
 from jssa_gym.safety.failsafe import FailsafeParams, levers
-from jssa_gym.shields import FILTERS, JSSAShield, Shield, make_filter
+from jssa_gym.shields import FILTERS, JSSAShield, SafetyFilter, Shield, make_filter
+from jssa_gym.tick import loop
 from jssa_gym.tick.joints import AGREEMENTS
 from jssa_gym.types import JointState, Planes, Scene, Status
 
@@ -152,8 +153,7 @@ HURTS = [
 @pytest.mark.parametrize("what", HURTS)
 def test_a_shield_without_a_monitor_is_led_astray(what, monkeypatch, caplog):
     """The power of the test above: a shield that believes every reading is not safe."""
-    believe = lambda self, robot, time: _believe(self, robot)  # noqa: E731
-    monkeypatch.setattr("jssa_gym.shields.failsafe.VerifiedStop.follow", believe)
+    monkeypatch.setattr("jssa_gym.shields.plain.StopFilter.decide", _believe)
     for human, seed in (("pursuit", 0), ("hand", 1), ("walk_by", 2), ("pursuit", 3), ("pursuit", 4), ("hand", 5)):
         seen, _ = drive(HANGS[what], "stop", human, seed)
         if max(speed for _, _, speed, _, _ in seen) > 1e-3 or any(beyond for *_, beyond in seen):
@@ -161,15 +161,14 @@ def test_a_shield_without_a_monitor_is_led_astray(what, monkeypatch, caplog):
     pytest.fail("nobody was hurt: the readings are too harmless to test anything")
 
 
-def _believe(stop, robot):
+def _believe(filter, scene, nominal):
     """What a naive stop does: a plan from any finite reading that is not quite where it was expected."""
-    state = np.array([np.asarray(rows, float) for rows in robot])
-    if np.abs(state - stop.expected).max() > 1e-6:
-        stop.expected[:] = state
-        stop._replan()
-        return "elsewhere"
-    stop.expected[:] = state
-    return ""
+    state = np.array([np.asarray(rows, float) for rows in scene.robot])
+    elsewhere = np.abs(state - filter.expected).max() > 1e-6
+    filter.expected[:] = state
+    if elsewhere:
+        loop.rebase(filter.records.view.arms)
+    return SafetyFilter.decide(filter, scene, nominal)
 
 
 def test_trust_returns_only_after_several_readings_that_agree():
@@ -795,12 +794,15 @@ def test_a_masked_action_is_no_action():
 
 def test_missing_scenes_take_time_for_people_too(robot, make_scene):
     """A clock that stands still through them must not make what was measured before them fresh."""
-    guard = make_filter("stop", robot, DT, failsafe=FailsafeParams())._guard
+    filter = make_filter("stop", robot, DT, failsafe=FailsafeParams())
     scene = make_scene([robot.home, np.zeros(6), np.zeros(6)], ball([2.0, 0.0, 1.2], velocity=(0.5, 0.0, 0.0)))
-    assert guard.watch(scene).age == pytest.approx([0.0])
+    filter.reset(scene)
+    assert watch(filter, scene)
+    assert filter.records.work.age == pytest.approx([0.0])
     for _ in range(3):
-        assert guard.watch(None).fault
-    assert guard.watch(scene).age == pytest.approx([4 * DT])
+        assert not watch(filter, None)
+    assert watch(filter, scene)
+    assert filter.records.work.age == pytest.approx([4 * DT])
 
 
 @pytest.mark.parametrize("hang", ["stands still", "goes back", "lags"])
@@ -814,8 +816,7 @@ def test_people_of_another_tick_are_not_those_of_now(robot, make_scene, hang):
         hangs = 10 <= k < 25
         shown = {"stands still": 9, "goes back": 5, "lags": k - 4}[hang] if hangs else k
         own.filter.decide(scenes[shown], np.zeros(6))
-        watch = own.filter._guard._monitor
-        people.append(watch._tracks["stamp"][0])
+        people.append(own.filter.records.memory.tracks[0, 0]["stamp"])
         assert people[-1] == pytest.approx(9 * DT if hangs else k * DT, abs=1e-9)
     assert own.filter.decide(make_scene(own.state, ball([x, 0.0, 1.2]), time=40 * DT), np.zeros(6)).status == 0
 
@@ -825,7 +826,7 @@ def test_a_stop_that_did_not_end_in_rest_is_seen(robot, make_scene):
     own = Own(robot, make_scene, exact)
     own.state[1] = 0.3 * robot.limits.velocity
     own.filter.reset(own.scene())
-    own.filter._guard._stored["jerk_out"] *= 0.5
+    stored(own.filter)["jerk_out"] *= 0.5
     for _ in range(200):
         decision = own.step(np.full(6, np.nan))
         assert decision.status == Status.FAULT
