@@ -159,7 +159,7 @@ class SafetyFilter:
     @cached_property
     def _asks(self) -> bool:
         """Whether :meth:`respond` proposes."""
-        return not self._compiled
+        return not self.compiled
 
     @property
     def lower(self) -> Array:
@@ -255,7 +255,7 @@ class SafetyFilter:
             return self._emergency(scene, nominal, f"the control step failed: {type(error).__name__}: {error}")
 
     @property
-    def _compiled(self) -> bool:
+    def compiled(self) -> bool:
         """Whether the compiled step proposes: for a class that names who does, not for one that answers itself."""
         asked = {"respond", "amend", "foresee"}
         owner = next(kind for kind in type(self).__mro__ if asked & vars(kind).keys())

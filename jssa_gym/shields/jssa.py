@@ -92,8 +92,8 @@ class JSSAFilter(SafetyFilter):
         return layout.PRINTED if self.gradient == "printed" else layout.JSSA
 
     @property
-    def _compiled(self) -> bool:
-        return super()._compiled and not self._foreign
+    def compiled(self) -> bool:
+        return super().compiled and not self._foreign
 
     def settings(self) -> layout.StepSettings:
         """The numbers that the control step goes by."""

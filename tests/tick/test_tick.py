@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import jssa_gym
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import Body
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.shields import JSSAFilter, NoFilter, make_filter
-from jssa_gym.tick import layout, loop
-from jssa_gym.tick.structs import arms
+from jssa_gym.shields import FILTERS, JSSAFilter, NoFilter, make_filter
+from jssa_gym.shields.batch import Batch
 from jssa_gym.types import CapsuleSet, Decision, JointState, Status
 
 DT = 0.008
@@ -94,25 +94,15 @@ class Episode:
         return self.shown, nominal
 
 
-class Together:
-    """Many arms' records, filled by hand."""
+class Together(Batch):
+    """Many arms, whose scenes are filled in by hand."""
 
     def __init__(self, filter, scenes):
-        robot, self.settings = filter.robot, filter.settings()
-        names, n = scenes[0].human.names, robot.n
-        fixed = self.settings.guarded or self.settings.static_rows
-        sizes, rows = (len(names), *((1, 1) if fixed else (0, 0))), bool(self.settings.static_rows)
-        self.fixed = fixed
-        self.memory = layout.memory(len(scenes), n, *sizes)
-        self.scene = layout.scene_record(len(scenes), n, *sizes)
-        self.answer = layout.answer(len(scenes), n)
-        self.memory.tracks["speed"], self.memory.growth[:], self.memory.touch[:] = filter.assumed(names)
-        arm = filter.records.robot
-        work = layout.work(arm, *sizes, static_rows=rows)
-        self.arms = arms(arm, self.settings, self.memory, self.scene, work, self.answer)
+        self.fixed = filter.settings().guarded or filter.settings().static_rows
+        super().__init__(filter, len(scenes), scenes[0].human.names, statics=int(self.fixed), planes=int(self.fixed))
         for e, scene in enumerate(scenes):
             self.show(e, scene)
-        loop.start(self.arms)
+        self.start()
 
     def show(self, e, scene):
         to, now = self.scene, self.scene.now[e]
@@ -150,7 +140,7 @@ def test_many_arms_decide_as_each_of_them_would_alone(robot, make_scene, kind, l
             scene, nominals[e] = episode.look(k)
             together.show(e, scene)
             decisions.append(filter.decide(scene, nominals[e]))
-        loop.decide_all(together.arms, nominals)
+        together.decide(nominals)
         told, what = together.answer.told, f"in tick {k}"
         same(together.answer.jerk, np.array([decision.jerk for decision in decisions]), what)
         for name in ("status", "phi", "distance", "slack", "rows"):
@@ -169,6 +159,26 @@ def test_many_arms_decide_as_each_of_them_would_alone(robot, make_scene, kind, l
     assert (Status.FAILSAFE in seen) == (layers != "bare")
     assert (kind == "none") or seen & {Status.PROJECTED, Status.RELAXED}
     assert len(codes) > (5 if layers == "bare" else 12)
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_a_batch_refuses_by_name_who_proposes_in_python(name, robot):
+    chosen = make_filter(name, robot, DT)
+    if chosen.compiled:
+        assert Batch(chosen, 3, ("head",)).decide(np.zeros((3, 6))).jerk.shape == (3, 6)
+    else:
+        with pytest.raises(ParameterError, match=f"{type(chosen).__name__} proposes in Python"):
+            Batch(chosen, 3, ("head",))
+    with pytest.raises(ParameterError, match="JSSAFilter proposes in Python"):
+        Batch(JSSAFilter(robot, DT, projector="osqp"), 3, ("head",))
+
+
+@pytest.mark.parametrize(
+    "nominal", [np.zeros(6), np.zeros((2, 6)), np.zeros((3, 6), np.float32), [[0.0] * 6] * 3, None]
+)
+def test_a_batch_wants_a_jerk_for_every_arm(nominal, robot):
+    with pytest.raises(ParameterError, match=r"float64 array of shape \(3, 6\)"):
+        Batch(NoFilter(robot, DT), 3, ()).decide(nominal)
 
 
 def test_no_part_has_more_than_eight_arguments():
