@@ -242,7 +242,7 @@ MUTANTS = [
         PROMISES,
     ),
     _admit("stored stop goes on two ticks", 'arm["step"] += 1\n', 'arm["step"] += 2\n', PROMISES),
-    _admit("expectation not kept", "memory.expected[e][:] = work.after\n", "pass\n", PROMISES),
+    _admit("expectation not kept", "copy_rows(work.after, memory.expected[e])\n", "pass\n", PROMISES),
     _monitor("a deviation is ignored", "    return code, ticks\n", "    return 0, ticks\n", FAULTS),
     _filter("nobody is told", "if persistent and not self._warned:", "if False:"),
     _monitor(
@@ -342,8 +342,8 @@ MUTANTS = [
     _decide("watch's fault is ignored", "        fault = missing\n", "        fault = 0\n"),
     _decide(
         "the joints' fault is ignored",
-        'fault, told["ticks"] = follow(settings, memory, scene, work, e)\n',
-        '_, told["ticks"] = follow(settings, memory, scene, work, e)\n    fault = 0\n',
+        'fault, told["ticks"] = check_joints(settings, memory, scene, work, e)\n',
+        '_, told["ticks"] = check_joints(settings, memory, scene, work, e)\n    fault = 0\n',
     ),
     _admit(
         "what is verified is not what is applied",
@@ -356,7 +356,7 @@ MUTANTS = [
         'go_on(settings, memory, memory.arm[e]["step"], memory.expected[e], jerk, e)',
         "brake(memory.state[e], -robot.limits[4], robot.limits[4], settings.dt, jerk)",
     ),
-    _admit("verification forgotten", "answer.jerk[e][:] = work.jerk", "pass", PROMISES),
+    _admit("verification forgotten", "copy(work.jerk, answer.jerk[e])", "pass", PROMISES),
     _decide(
         "an unverified stop is no fault",
         'if not memory.arm[e]["verified"]:',

@@ -45,7 +45,7 @@ def _update(arms, time):
 
 @njit
 def _present(arms):
-    people.present(arms.memory, arms.work, arms.answer, 0)
+    people.people_now(arms.memory, arms.work, arms.answer, 0)
 
 
 def _records(n: int, limits, dt: float, tolerance, position_error: float, max_age: float) -> Records:
@@ -179,7 +179,7 @@ class HumanMonitor:
 
 @njit
 def _watch(arms):
-    return people.watch(arms.settings, arms.memory, arms.scene, arms.work, arms.answer, 0)
+    return people.check_people(arms.settings, arms.memory, arms.scene, arms.work, arms.answer, 0)
 
 
 @njit

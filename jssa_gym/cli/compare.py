@@ -13,7 +13,7 @@ from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, w
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import MOVING
-from jssa_gym.evaluation.html import write_page
+from jssa_gym.evaluation.comparison_page import write_page
 from jssa_gym.evaluation.leaderboard import Standing, standings
 from jssa_gym.evaluation.study import Study
 

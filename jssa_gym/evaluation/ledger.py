@@ -23,7 +23,7 @@ _TELLING = (
     "rates.py",
     "viewer",
     "train",
-    "evaluation/html.py",
+    "evaluation/comparison_page.py",
     "evaluation/leaderboard.py",
     "evaluation/report.py",
     "evaluation/statistics.py",

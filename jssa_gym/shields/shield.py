@@ -16,8 +16,8 @@ from jssa_gym.registration import ENTRIES
 from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
+from jssa_gym.shields.environment import provider, refuse_misfit, robot_and_dt
 from jssa_gym.shields.filter import SafetyFilter
-from jssa_gym.shields.interface import provider, refuse_misfit, robot_and_dt
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.options import JSSAOptions
 from jssa_gym.shields.reasons import reason_code

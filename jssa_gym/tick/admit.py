@@ -23,9 +23,12 @@ from jssa_gym.kernels.verification import (
 )
 from jssa_gym.tick import codes
 
+WANTED, HALFWAY, STORED = range(3)
+"""Which jerk was chosen: what was proposed, one half way to the stored stop's, or the stored stop's."""
+
 
 @inner
-def unfit(jerk, nominal, forwarded, limit, work):
+def unfit_answer(jerk, nominal, forwarded, limit, work):
     """What is wrong with a proposed jerk: 0 nothing, 1 not finite, 2 outside the box, 3 not the nominal it claims.
 
     It becomes what an environment integrates, a share of the bound times the bound, unless it is the nominal.
@@ -92,16 +95,16 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
     copy(wanted, jerk)
     why, row, column, moment = keeps_safe(robot, settings, memory, jerk, work, e)
     if why == SAFE:
-        return 0, why, row, column, moment
+        return WANTED, why, row, column, moment
     stop_jerk(memory.stored[e], step, jerk)
     for j in range(jerk.shape[0]):
         jerk[j] = representable((jerk[j] + wanted[j]) / 2.0, settings.stop_limits[4, j])
     code, _, _, _ = keeps_safe(robot, settings, memory, jerk, work, e)
     if code == SAFE:
-        return 1, why, row, column, moment
+        return HALFWAY, why, row, column, moment
     stop_jerk(memory.stored[e], step, jerk)
     integrate(memory.state[e], jerk, settings.dt, work.after)
-    return 2, why, row, column, moment
+    return STORED, why, row, column, moment
 
 
 @part
@@ -125,7 +128,7 @@ def confirm(robot, settings, memory, work, answer, e):
     which, code, row, column, moment = choose(robot, settings, memory, answer.jerk[e], work.jerk, work, e)
     told["detail"], told["capsule"], told["other"], told["moment"] = code, row, column, moment
     told["chosen"] = which
-    if which == 0:
+    if which == WANTED:
         return 0
     stop_jerk(memory.stored[e], memory.arm[e]["step"], work.halt)
     carried = robot.capsules[row]["link"] + 1 if row >= 0 else n
@@ -141,24 +144,24 @@ def confirm_held(robot, settings, memory, work, answer, e):
     make_representable(work.wanted, robot.limits[4])
     which, _, _, _, _ = choose(robot, settings, memory, work.wanted, work.jerk, work, e)
     # whatever it is, it is not what was proposed
-    answer.told[e]["chosen"] = max(which, 1)
-    if which == 2:
+    answer.told[e]["chosen"] = max(which, HALFWAY)
+    if which == STORED:
         confirm_last(robot, settings, memory, work, answer, e)
 
 
 @part
 def confirm_last(robot, settings, memory, work, answer, e):
     """The stop of an arm that was found in motion: perhaps it can be verified by now."""
-    if answer.told[e]["chosen"] == 2 and not memory.arm[e]["verified"]:
+    if answer.told[e]["chosen"] == STORED and not memory.arm[e]["verified"]:
         which, _, _, _, _ = choose(robot, settings, memory, work.halt, work.jerk, work, e)
-        answer.told[e]["chosen"] = 2 if which == 2 else 1
+        answer.told[e]["chosen"] = STORED if which == STORED else HALFWAY
 
 
 @inner
-def store(memory, work, answer, e):
+def store_stop(memory, work, answer, e):
     """Go on with what was confirmed: its stop is the stored one from now on, or the stored one goes on."""
     arm = memory.arm[e]
-    if answer.told[e]["chosen"] == 2:
+    if answer.told[e]["chosen"] == STORED:
         arm["step"] += 1
     else:
         for j in range(work.next.shape[0]):

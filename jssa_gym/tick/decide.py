@@ -6,17 +6,17 @@ once more if :func:`settle` says so.
 
 import numpy as np
 
+from jssa_gym.kernels import verification
 from jssa_gym.kernels.capsules import load_agents
 from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.jit import inner, part
 from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.kernels.vector import copy, copy_rows, fill, fill_rows
-from jssa_gym.kernels.verification import LIMITS, REACH, UNDECIDED
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.tick import codes
-from jssa_gym.tick.admit import confirm, confirm_held, store, take_fixtures, unfit
-from jssa_gym.tick.joints import begin, follow, forget, go_on, measured, persistent, replan
-from jssa_gym.tick.people import forget_people, present, watch
+from jssa_gym.tick.admit import WANTED, confirm, confirm_held, store_stop, take_fixtures, unfit_answer
+from jssa_gym.tick.joints import begin, check_joints, forget, go_on, measured, persistent, replan
+from jssa_gym.tick.people import check_people, forget_people, people_now
 from jssa_gym.tick.propose import clip_to_box, foresee, propose, propose_held
 
 ANSWERED, ASK, CORNERED = range(3)
@@ -38,6 +38,7 @@ def decide(robot, settings, memory, scene, nominal, work, answer, e):
         nominal: The policy's jerk, shape (n,) [rad/s³].
         work: Scratch.
         answer: Result.
+        e: Which arm: an entry of memory, scene and answer.
     """
     stage = prepare(robot, settings, memory, scene, nominal, work, answer, e)
     if stage == ANSWERED:
@@ -45,7 +46,7 @@ def decide(robot, settings, memory, scene, nominal, work, answer, e):
     if stage == ASK:
         propose(robot, settings, memory, scene, nominal, work, answer, e)
     held = settle(robot, settings, memory, scene, nominal, work, answer, e)
-    if held > 0:
+    if held > 0:  # so many joints, from the base, have to go on with the stored stop; the others may do something else
         propose_held(robot, settings, memory, nominal, held, work, answer, e)
         settle_held(robot, settings, memory, work, answer, e)
 
@@ -58,11 +59,11 @@ def prepare(robot, settings, memory, scene, nominal, work, answer, e):
         ``ANSWERED``, something failed and the arm stops; ``ASK`` or ``CORNERED``, and then ``work`` has the people
         for rows, the box, and the nominal in it.
     """
-    _begin(answer.told[e])
+    _clear(answer.told[e])
     if settings.guarded:
-        fault = _believe(settings, memory, scene, nominal, work, answer, e)
+        fault = _believed_present(settings, memory, scene, nominal, work, answer, e)
     else:
-        fault = _take_in(settings, memory, scene, nominal, work, e)
+        fault = _shown_present(settings, memory, scene, nominal, work, e)
     if fault:
         stop(robot, settings, memory, work, answer, fault, e)
         return ANSWERED
@@ -80,70 +81,6 @@ def prepare(robot, settings, memory, scene, nominal, work, answer, e):
     return CORNERED
 
 
-@inner
-def _begin(told):
-    told["status"], told["code"], told["detail"], told["ticks"] = codes.FAULT, 0, 0, 0
-    told["capsule"], told["other"], told["moment"], told["chosen"] = -1, -1, 0.0, -1
-    told["unverified"], told["persistent"], told["inside"], told["fresh"] = False, False, False, False
-    told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
-    told["row"], told["column"], told["rows"] = -1, -1, 0
-
-
-@part
-def _jerk_bounds(robot, work):
-    for j in range(work.upper.shape[0]):
-        work.lower[j], work.upper[j] = -robot.limits[4, j], robot.limits[4, j]
-
-
-@part
-def _believe(settings, memory, scene, nominal, work, answer, e):
-    """The arm is where the applied jerks led, if its readings agree; people are where they were last trusted.
-
-    Returns a fault's code, or 0 and then ``memory.state`` and ``work.agents`` are the present.
-    """
-    told = answer.told[e]
-    fault, told["ticks"] = follow(settings, memory, scene, work, e)
-    told["persistent"] = fault not in (0, codes.LEAPT) and persistent(memory, e)
-    # people are looked at whatever the joints do: their clock goes on
-    missing = watch(settings, memory, scene, work, answer, e)
-    if fault == 0:
-        fault = missing
-    if fault == 0:
-        copy_rows(memory.expected[e], memory.state[e])
-        present(memory, work, answer, e)
-        fault = _unsound(memory.state[e], nominal, work.agents[: memory.tracks.shape[1]])
-    return fault
-
-
-@inner
-def _take_in(settings, memory, scene, nominal, work, e):
-    """What is shown is the present. Returns a fault's code, or 0; ``memory.state`` and ``work.agents`` are it."""
-    agents, fault = work.agents[: memory.tracks.shape[1]], codes.JOINTS
-    if scene.now[e]["joints"]:
-        fault = _unsound(scene.joints[e], nominal, agents[:0])
-        if fault == 0 and not scene.now[e]["people"]:
-            fault = codes.SCENE
-        elif fault == 0:
-            load_agents(scene.ends[e][0], scene.ends[e][1], scene.ends[e][2], scene.ends[e][3], scene.radius[e], agents)
-            fault = _unsound(scene.joints[e], nominal, agents)
-            for k in range(scene.valid.shape[1]):
-                if fault == 0 and not scene.valid[e, k]:
-                    fault = codes.UNMEASURED
-    if fault in (codes.JOINTS, codes.NOT_FINITE_JOINTS):
-        # where the last jerk must have led
-        integrate(memory.state[e], memory.applied[e], settings.dt, memory.state[e])
-    else:
-        copy_rows(scene.joints[e], memory.state[e])
-    return fault
-
-
-@inner
-def _unsound(state, nominal, agents):
-    """Which input is not finite, as a code, or 0."""
-    wrong = unsound(state, nominal, agents)
-    return codes.NOT_FINITE_NOMINAL + wrong - 1 if wrong else 0
-
-
 @part
 def settle(robot, settings, memory, scene, nominal, work, answer, e):
     """Apply the proposed jerk, ``work.wanted``, if it is sound and, where there is one, the verified stop admits it.
@@ -155,15 +92,15 @@ def settle(robot, settings, memory, scene, nominal, work, answer, e):
     told = answer.told[e]
     fault = told["code"] if told["status"] == codes.FAULT else 0
     if fault == 0:
-        wrong = unfit(work.wanted, nominal, told["status"] == codes.NOMINAL, robot.limits[4], work)
+        wrong = unfit_answer(work.wanted, nominal, told["status"] == codes.NOMINAL, robot.limits[4], work)
         if wrong:
             fault, told["detail"] = codes.ANSWER, wrong
-    copy(work.wanted, answer.jerk[e])
     if fault == 0 and settings.guarded:
         fault, told["detail"] = take_fixtures(memory, scene, e)
     if fault:
         stop(robot, settings, memory, work, answer, fault, e)
         return 0
+    copy(work.wanted, answer.jerk[e])
     if settings.guarded:
         held = confirm(robot, settings, memory, work, answer, e)
         if held > 0:
@@ -181,20 +118,115 @@ def settle_held(robot, settings, memory, work, answer, e):
     copy(answer.jerk[e], memory.applied[e])
 
 
+@inner
+def stop(robot, settings, memory, work, answer, fault, e):
+    """Go on with the stored stop or, without one, brake: something failed, which the code ``fault`` names."""
+    told, jerk = answer.told[e], answer.jerk[e]
+    told["status"], told["code"], told["chosen"] = codes.FAULT, fault, -1
+    told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
+    told["row"], told["column"], told["rows"] = -1, -1, 0
+    if settings.guarded:
+        told["unverified"] = not memory.arm[e]["verified"]
+        copy_rows(memory.expected[e], memory.state[e])
+        go_on(settings, memory, memory.arm[e]["step"], memory.expected[e], jerk, e)
+        memory.arm[e]["step"] += 1
+    else:
+        _jerk_bounds(robot, work)
+        brake(memory.state[e], work.lower, work.upper, settings.dt, jerk)
+        make_representable(jerk, robot.limits[4])
+    for j in range(jerk.shape[0]):
+        # a state beyond all bounds can overflow; then at least nothing is added
+        if not np.isfinite(jerk[j]):
+            jerk[j] = 0.0
+        memory.applied[e, j] = jerk[j]
+
+
+# ---- their parts -----------------------------------------------------------------------------------
+
+
+@inner
+def _clear(told):
+    """Nothing is decided yet: who says nothing has failed."""
+    told["status"], told["code"], told["detail"], told["ticks"] = codes.FAULT, codes.FAILED, 0, 0
+    told["capsule"], told["other"], told["moment"], told["chosen"] = -1, -1, 0.0, -1
+    told["unverified"], told["persistent"], told["inside"], told["fresh"] = False, False, False, False
+    told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
+    told["row"], told["column"], told["rows"] = -1, -1, 0
+
+
+@part
+def _jerk_bounds(robot, work):
+    for j in range(work.upper.shape[0]):
+        work.lower[j], work.upper[j] = -robot.limits[4, j], robot.limits[4, j]
+
+
+@part
+def _believed_present(settings, memory, scene, nominal, work, answer, e):
+    """The arm is where the applied jerks led, if its readings agree; people are where they were last trusted.
+
+    Returns a fault's code, or 0 and then ``memory.state`` and ``work.agents`` are the present.
+    """
+    told = answer.told[e]
+    fault, told["ticks"] = check_joints(settings, memory, scene, work, e)
+    told["persistent"] = fault not in (0, codes.LEAPT) and persistent(memory, e)
+    # people are looked at whatever the joints do: their clock goes on
+    missing = check_people(settings, memory, scene, work, answer, e)
+    if fault == 0:
+        fault = missing
+    if fault == 0:
+        copy_rows(memory.expected[e], memory.state[e])
+        people_now(memory, work, answer, e)
+        fault = _not_finite(memory.state[e], nominal, work.agents[: memory.tracks.shape[1]])
+    return fault
+
+
+@inner
+def _shown_present(settings, memory, scene, nominal, work, e):
+    """What is shown is the present. Returns a fault's code, or 0; ``memory.state`` and ``work.agents`` are it."""
+    agents, fault = work.agents[: memory.tracks.shape[1]], codes.JOINTS
+    if scene.now[e]["joints"]:
+        fault = _not_finite(scene.joints[e], nominal, agents[:0])
+        if fault == 0 and not scene.now[e]["people"]:
+            fault = codes.SCENE
+        elif fault == 0:
+            load_agents(scene.ends[e][0], scene.ends[e][1], scene.ends[e][2], scene.ends[e][3], scene.radius[e], agents)
+            fault = _not_finite(scene.joints[e], nominal, agents)
+            for k in range(scene.valid.shape[1]):
+                if fault == 0 and not scene.valid[e, k]:
+                    fault = codes.UNMEASURED
+    if fault in (codes.JOINTS, codes.NOT_FINITE_JOINTS):
+        # nobody knows where the arm is: where the last jerk must have led
+        integrate(memory.state[e], memory.applied[e], settings.dt, memory.state[e])
+    else:
+        copy_rows(scene.joints[e], memory.state[e])
+    return fault
+
+
+@inner
+def _not_finite(state, nominal, agents):
+    """Which input is not finite, as a code, or 0."""
+    wrong = unsound(state, nominal, agents)
+    return codes.NOT_FINITE_NOMINAL + wrong - 1 if wrong else 0
+
+
 @part
 def _conclude(robot, settings, memory, work, answer, e):
-    """Store the stop, and say what has decided."""
+    """Store the stop, and say what has decided.
+
+    The proposal itself keeps its status. Another jerk, or the stored stop's, is FAILSAFE; where even that is a stop
+    that nobody has verified, FAULT.
+    """
     told = answer.told[e]
-    store(memory, work, answer, e)
-    if told["chosen"] == 0:
+    store_stop(memory, work, answer, e)
+    if told["chosen"] == WANTED:
         return
     what = told["detail"]
     told["status"], told["code"] = codes.FAILSAFE, codes.MEETS
-    if what == LIMITS:
+    if what == verification.LIMITS:
         told["code"] = codes.LIMITS
-    elif what == UNDECIDED:
+    elif what == verification.UNDECIDED:
         told["code"] = codes.UNDECIDED
-    elif what == REACH:
+    elif what == verification.REACH:
         told["code"] = codes.REACH
     if not memory.arm[e]["verified"]:
         told["status"], told["unverified"] = codes.FAULT, True
@@ -221,26 +253,3 @@ def start(settings, memory, scene, work, e):
     forget_people(memory, e)
     arm["fixed"] = False
     replan(settings, memory, work, e)
-
-
-@inner
-def stop(robot, settings, memory, work, answer, fault, e):
-    """Go on with the stored stop or, without one, brake: something failed, which the code ``fault`` names."""
-    told, jerk = answer.told[e], answer.jerk[e]
-    told["status"], told["code"], told["chosen"] = codes.FAULT, fault, -1
-    told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
-    told["row"], told["column"], told["rows"] = -1, -1, 0
-    if settings.guarded:
-        told["unverified"] = not memory.arm[e]["verified"]
-        copy_rows(memory.expected[e], memory.state[e])
-        go_on(settings, memory, memory.arm[e]["step"], memory.expected[e], jerk, e)
-        memory.arm[e]["step"] += 1
-    else:
-        _jerk_bounds(robot, work)
-        brake(memory.state[e], work.lower, work.upper, settings.dt, jerk)
-        make_representable(jerk, robot.limits[4])
-    for j in range(jerk.shape[0]):
-        # a state beyond all bounds can overflow; then at least nothing is added
-        if not np.isfinite(jerk[j]):
-            jerk[j] = 0.0
-        memory.applied[e, j] = jerk[j]

@@ -258,7 +258,7 @@ def _agreed(settings, memory, seen, passed, state, e):
 
 
 @inner
-def follow(settings, memory, scene, work, e):
+def check_joints(settings, memory, scene, work, e):
     """Compare a reading of the joints with where the applied jerks must have led; what is wrong as a code, and ticks.
 
     Ticks in which no decision was made, as the clock has it, must have gone on with the stored stop: a reading that

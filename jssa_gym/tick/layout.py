@@ -1,8 +1,8 @@
 """What a control step reads, remembers and answers: tuples of arrays, made once.
 
 Settings, memory and scratch are three things, and only :class:`Memory` survives a tick. The arrays of
-:class:`Memory`, :class:`SceneRecord` and :class:`Answer` have a leading axis, an entry for each arm; the functions of
-this package see one arm's entries (:func:`~jssa_gym.tick.loop.decide_all` takes them out), as the shapes below say.
+:class:`Memory`, :class:`SceneRecord` and :class:`Answer` have a leading axis, an entry for each arm, which the shapes
+below leave out; functions of this package are told by ``e`` which arm they are about.
 n joints, m robot capsules, k human capsules, c static capsules, p half-spaces.
 """
 

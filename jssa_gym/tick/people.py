@@ -45,11 +45,11 @@ def people_clock(settings, memory, now, readable, e):
 
 
 @part
-def watch(settings, memory, scene, work, answer, e):
+def check_people(settings, memory, scene, work, answer, e):
     """Take in the people and say whether what is trusted covers everybody; a code, or 0.
 
     Into ``work``: the trusted sample of each capsule and its age. Has to be asked once a tick, after
-    :func:`~jssa_gym.tick.joints.follow`.
+    :func:`~jssa_gym.tick.joints.check_joints`.
     """
     arm = memory.arm[e]
     if not scene.now[e]["seen"]:
@@ -103,7 +103,7 @@ def _update(settings, memory, scene, time, work, answer, e):
 
 
 @inner
-def present(memory, work, answer, e):
+def people_now(memory, work, answer, e):
     """People moved on at their measured velocities from when they were measured, into ``work.agents``."""
     people, fresh = work.people, answer.told[e]["fresh"]
     for k in range(memory.tracks.shape[1]):

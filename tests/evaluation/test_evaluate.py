@@ -40,7 +40,7 @@ from jssa_gym.evaluation import (
     summarise,
 )
 from jssa_gym.evaluation.campaign import Campaign, Grid
-from jssa_gym.evaluation.html import _keys, page
+from jssa_gym.evaluation.comparison_page import _keys, page
 from jssa_gym.evaluation.leaderboard import PAIRED_RATES, profile, standings
 from jssa_gym.evaluation.ledger import Ledger, Results
 from jssa_gym.evaluation.plan import SPACING
