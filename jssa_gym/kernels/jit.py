@@ -98,11 +98,6 @@ def jit(function: FunctionType) -> Any:
     return _compiled(function, _FLAGS)
 
 
-def inner(function: FunctionType) -> Any:
-    """Compile what only compiled functions call: without the wrapper that Python would need."""
-    return _compiled(function, {**_FLAGS, "no_cpython_wrapper": True})
-
-
 def part(function: FunctionType) -> Any:
     """A short part of one function, there to be read by itself: put into it before it is compiled.
 

@@ -7,7 +7,7 @@ rest of the last one.
 
 import numpy as np
 
-from jssa_gym.kernels.jit import inner, part
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.motion import integrate, make_representable, representable
 from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk
 from jssa_gym.kernels.vector import copy, copy_rows
@@ -27,7 +27,7 @@ WANTED, HALFWAY, STORED = range(3)
 """Which jerk was chosen: what was proposed, one half way to the stored stop's, or the stored stop's."""
 
 
-@inner
+@jit
 def unfit_answer(jerk, nominal, forwarded, limit, work):
     """What is wrong with a proposed jerk: 0 nothing, 1 not finite, 2 outside the box, 3 not the nominal it claims.
 
@@ -46,7 +46,7 @@ def unfit_answer(jerk, nominal, forwarded, limit, work):
     return 0
 
 
-@inner
+@jit
 def take_fixtures(memory, scene, e):
     """Take down what stands still, or compare it with what stood there at first; what is wrong with it, or 0."""
     if not scene.now[e]["fixtures"]:
@@ -61,7 +61,7 @@ def take_fixtures(memory, scene, e):
     return 0, 0
 
 
-@inner
+@jit
 def keeps_safe(robot, settings, memory, jerk, work, e):
     """Whether the stop after one step at ``jerk`` (n,) is verified, into ``work.next``.
 
@@ -81,7 +81,7 @@ def keeps_safe(robot, settings, memory, jerk, work, e):
     return keeps_clear(robot, motion, ticks, around, work)
 
 
-@inner
+@jit
 def choose(robot, settings, memory, wanted, jerk, work, e):
     """The first verified one of: the wanted jerk, the jerk half way to the stored stop's, the stored stop's.
 
@@ -157,7 +157,7 @@ def confirm_last(robot, settings, memory, work, answer, e):
         answer.told[e]["chosen"] = STORED if which == STORED else HALFWAY
 
 
-@inner
+@jit
 def store_stop(memory, work, answer, e):
     """Go on with what was confirmed: its stop is the stored one from now on, or the stored one goes on."""
     arm = memory.arm[e]

@@ -9,7 +9,7 @@ import numpy as np
 from jssa_gym.kernels import verification
 from jssa_gym.kernels.capsules import load_agents
 from jssa_gym.kernels.contact import unsound
-from jssa_gym.kernels.jit import inner, part
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.kernels.vector import copy, copy_rows, fill, fill_rows
 from jssa_gym.kernels.viability import jerk_box
@@ -118,7 +118,7 @@ def settle_held(robot, settings, memory, work, answer, e):
     copy(answer.jerk[e], memory.applied[e])
 
 
-@inner
+@jit
 def stop(robot, settings, memory, work, answer, fault, e):
     """Go on with the stored stop or, without one, brake: something failed, which the code ``fault`` names."""
     told, jerk = answer.told[e], answer.jerk[e]
@@ -144,7 +144,7 @@ def stop(robot, settings, memory, work, answer, fault, e):
 # ---- their parts -----------------------------------------------------------------------------------
 
 
-@inner
+@jit
 def _clear(told):
     """Nothing is decided yet: who says nothing has failed."""
     told["status"], told["code"], told["detail"], told["ticks"] = codes.FAULT, codes.FAILED, 0, 0
@@ -180,7 +180,7 @@ def _believed_present(settings, memory, scene, nominal, work, answer, e):
     return fault
 
 
-@inner
+@jit
 def _shown_present(settings, memory, scene, nominal, work, e):
     """What is shown is the present. Returns a fault's code, or 0; ``memory.state`` and ``work.agents`` are it."""
     agents, fault = work.agents[: memory.tracks.shape[1]], codes.JOINTS
@@ -202,7 +202,7 @@ def _shown_present(settings, memory, scene, nominal, work, e):
     return fault
 
 
-@inner
+@jit
 def _not_finite(state, nominal, agents):
     """Which input is not finite, as a code, or 0."""
     wrong = unsound(state, nominal, agents)
@@ -235,7 +235,7 @@ def _conclude(robot, settings, memory, work, answer, e):
         foresee(robot, settings, memory, answer.jerk[e], work, told, e)
 
 
-@inner
+@jit
 def start(settings, memory, scene, work, e):
     """Forget the past: a new episode begins with what is shown. People are whoever will be shown first."""
     arm, state = memory.arm[e], memory.state[e]

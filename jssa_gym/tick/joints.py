@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jssa_gym.kernels.jit import inner, jit, part
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.joints import AGREES, LAGS, MISSING, deviates, judge_joints
 from jssa_gym.kernels.joints import FROZEN as READS_FROZEN
 from jssa_gym.kernels.motion import integrate, violates
@@ -43,7 +43,7 @@ def at_rest(state):
     return True
 
 
-@inner
+@jit
 def forget(memory, e):
     """What was wrong with readings, and what they were."""
     arm = memory.arm[e]
@@ -84,7 +84,7 @@ def measured(settings, reading):
     return True
 
 
-@inner
+@jit
 def replan(settings, memory, work, e):
     """Store a stop from the expected state; nobody has verified it, unless there is nothing to stop."""
     arm, state, still = memory.arm[e], memory.expected[e], work.halt
@@ -95,7 +95,7 @@ def replan(settings, memory, work, e):
     arm["verified"] = arm["begun"] and at_rest(state) and not violates(state, still, settings.stop_limits, ROUNDING)
 
 
-@inner
+@jit
 def go_on(settings, memory, step, state, jerk, e):
     """The stored stop's jerk (n,) at one of its ticks, applied to ``state`` (3, n)."""
     stop_jerk(memory.stored[e], step, jerk)
@@ -127,7 +127,7 @@ def date(settings, memory, now, readable, e):
         arm["clock"] = codes.CLOCK_BACK if now < last else codes.CLOCK_STILL
 
 
-@inner
+@jit
 def _most(offsets):
     most = -np.inf
     for k in range(offsets.shape[0]):
@@ -257,7 +257,7 @@ def _agreed(settings, memory, seen, passed, state, e):
     return True
 
 
-@inner
+@jit
 def check_joints(settings, memory, scene, work, e):
     """Compare a reading of the joints with where the applied jerks must have led; what is wrong as a code, and ticks.
 

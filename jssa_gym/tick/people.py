@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jssa_gym.kernels.jit import inner, part
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.trust import COVERED, trust
 from jssa_gym.tick import codes
 from jssa_gym.tick.joints import timely
@@ -11,7 +11,7 @@ NO_TIME, BACK = 1, 2
 """What is wrong with the time by which people move: it is none, or went back."""
 
 
-@inner
+@jit
 def forget_people(memory, e):
     """Whoever is measured next is who there is."""
     arm = memory.arm[e]
@@ -62,7 +62,7 @@ def check_people(settings, memory, scene, work, answer, e):
     return _update(settings, memory, scene, time, work, answer, e)
 
 
-@inner
+@jit
 def _update(settings, memory, scene, time, work, answer, e):
     arm, told = memory.arm[e], answer.told[e]
     if not scene.now[e]["timed"]:
@@ -102,7 +102,7 @@ def _update(settings, memory, scene, time, work, answer, e):
     return 0 if cover == COVERED else codes.TRUST + 1 + verdict
 
 
-@inner
+@jit
 def people_now(memory, work, answer, e):
     """People moved on at their measured velocities from when they were measured, into ``work.agents``."""
     people, fresh = work.people, answer.told[e]["fresh"]

@@ -4,7 +4,7 @@ import numpy as np
 
 from jssa_gym.kernels.capsules import nearest
 from jssa_gym.kernels.index import advance, assess, exact_rows
-from jssa_gym.kernels.jit import inner, part
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.printed import measure_present, printed_rows
 from jssa_gym.kernels.projection import project_row, project_rows, violation
 from jssa_gym.kernels.vector import copy
@@ -21,7 +21,7 @@ LINEARISATIONS = 3
 """How often the exact row is linearised anew at the projected jerk; once is the rule."""
 
 
-@inner
+@jit
 def project(settings, nominal, count, work):
     """Nearest jerk to the nominal (n,) in box and the first rows, into ``work.wanted``; feasible, violation left."""
     if count == 1 and settings.diagonal:
@@ -35,7 +35,7 @@ def project(settings, nominal, count, work):
     )  # fmt: skip
 
 
-@inner
+@jit
 def look_ahead(robot, settings, state, jerk, humans, rows, work, told):
     """Index of every pair at the end of the step under ``jerk``, and the closest human pair; ``told`` takes them down.
 
@@ -60,7 +60,7 @@ def look_ahead(robot, settings, state, jerk, humans, rows, work, told):
     return worst, kept
 
 
-@inner
+@jit
 def look_back(robot, settings, state, work):
     """Index of every pair at the beginning of the step, from ``work.agents`` at its end."""
     advance(work.agents, -settings.dt)
@@ -71,7 +71,7 @@ def look_back(robot, settings, state, work):
     advance(work.agents, settings.dt)
 
 
-@inner
+@jit
 def rows_at(robot, settings, jerk, only, work):
     """Make the rows, linearised at ``jerk`` after :func:`look_ahead` at it.
 
@@ -110,7 +110,7 @@ def solve(robot, settings, state, nominal, humans, work, told):
     return stage
 
 
-@inner
+@jit
 def begin_rows(robot, settings, state, humans, work, told):
     """Look at the clipped nominal: 0 if it is kept, ``PROJECT`` if it is to be projected onto the rows that were made.
 
@@ -131,7 +131,7 @@ def begin_rows(robot, settings, state, humans, work, told):
     return 0
 
 
-@inner
+@jit
 def _linearise(robot, settings, work, told):
     """Make rows at ``work.wanted``; ``PROJECT`` unless they are kept, or there were enough."""
     only = told["row"] * work.pairs.shape[1] + told["column"] if settings.closest else -1
@@ -142,7 +142,7 @@ def _linearise(robot, settings, work, told):
     return PROJECT
 
 
-@inner
+@jit
 def _finish(left, work, told):
     """Take down what is left of the rows [m²]; 0, or the code of an index that is none."""
     told["slack"] = max(left, 0.0)
@@ -150,7 +150,7 @@ def _finish(left, work, told):
     return 0 if left < np.inf and told["phi"] < np.inf else codes.INDEX
 
 
-@inner
+@jit
 def after_projection(robot, settings, state, humans, feasible, left, work, told):
     """Look at the projected jerk, ``work.wanted``; returns as :func:`begin_rows`.
 
@@ -171,7 +171,7 @@ def after_projection(robot, settings, state, humans, feasible, left, work, told)
     return _linearise(robot, settings, work, told)
 
 
-@inner
+@jit
 def _printed(robot, settings, state, humans, work, told):
     """Make the rows of Eq. (13) as printed, from the present; returns as :func:`begin_rows`."""
     agents = work.agents[:humans]
@@ -197,7 +197,7 @@ def _printed(robot, settings, state, humans, work, told):
     return PROJECT
 
 
-@inner
+@jit
 def _index_of_printed(left, work, told):
     """The index as printed is its own row's S - L u; 0, or the code of one that is none."""
     for k in range(told["attempt"]):
@@ -211,7 +211,7 @@ def _index_of_printed(left, work, told):
     return 0 if left < np.inf and told["phi"] < np.inf else codes.PRINTED_ROW
 
 
-@inner
+@jit
 def meet(settings, memory, scene, work, e):
     """Let rows see what stands still too, if asked for, and for exact rows everybody at the end of the step.
 
@@ -258,7 +258,7 @@ def propose(robot, settings, memory, scene, nominal, work, answer, e):
     name_status(robot, nominal, fault, work, told)
 
 
-@inner
+@jit
 def name_status(robot, nominal, fault, work, told):
     """Say what became of the nominal; ``fault`` is the code of what failed, or 0."""
     if fault:
@@ -275,7 +275,7 @@ def name_status(robot, nominal, fault, work, told):
         told["status"], told["code"] = codes.PROJECTED, codes.ROWS
 
 
-@inner
+@jit
 def of_clipping(robot, nominal, work):
     """Why the nominal was clipped: by the jerk bounds alone, or by the viability box in some joint."""
     for j in range(nominal.shape[0]):
@@ -306,7 +306,7 @@ def propose_held(robot, settings, memory, nominal, held, work, answer, e):
         wanted[j] = halt[j]
 
 
-@inner
+@jit
 def clip_to_box(nominal, work):
     """The nominal in the box, into ``work.clipped``; whether it lay inside."""
     inside = True
