@@ -242,7 +242,7 @@ MUTANTS = [
         PROMISES,
     ),
     _admit("stored stop goes on two ticks", 'arm["step"] += 1\n', 'arm["step"] += 2\n', PROMISES),
-    _admit("expectation not kept", "memory.expected[e][:] = work.after\n", "pass\n", PROMISES),
+    _admit("expectation not kept", "copy_rows(work.after, memory.expected[e])\n", "pass\n", PROMISES),
     _monitor("a deviation is ignored", "    return code, ticks\n", "    return 0, ticks\n", FAULTS),
     _filter("nobody is told", "if persistent and not self._warned:", "if False:"),
     _monitor(
@@ -311,14 +311,14 @@ MUTANTS = [
     ),
     Mutant(
         "jumps are believed",
-        "kernels/trust.py",
+        "kernels/people.py",
         "if not _within(ends, j, radius, track, allowed):",
         "if False:",
         (FILTERS, "jumping"),
     ),
     Mutant(
         "a frozen source is believed",
-        "kernels/trust.py",
+        "kernels/people.py",
         "return fastest > CLAIMS_MOTION * CLAIMS_MOTION",
         "return False",
         (FILTERS, "frozen"),
@@ -356,7 +356,7 @@ MUTANTS = [
         'go_on(settings, memory, memory.arm[e]["step"], memory.expected[e], jerk, e)',
         "brake(memory.state[e], -robot.limits[4], robot.limits[4], settings.dt, jerk)",
     ),
-    _admit("verification forgotten", "answer.jerk[e][:] = work.jerk", "pass", PROMISES),
+    _admit("verification forgotten", "copy(work.jerk, answer.jerk[e])", "pass", PROMISES),
     _decide(
         "an unverified stop is no fault",
         'if not memory.arm[e]["verified"]:',
@@ -390,7 +390,7 @@ MUTANTS = [
     ),
     Mutant(
         "a radius is believed at once",
-        "kernels/trust.py",
+        "kernels/people.py",
         'left = allowed - abs(radius - track["radius"])',
         "left = allowed",
         (FILTERS, "radius_that"),

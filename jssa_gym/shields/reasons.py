@@ -51,7 +51,7 @@ SAMPLES = (
     "not finite",
     "without a radius",
 )
-"""What became of a human capsule's sample, by the number of :mod:`jssa_gym.kernels.trust`."""
+"""What became of a human capsule's sample, by the number of :mod:`jssa_gym.kernels.people`."""
 
 
 def of_clipping(nominal: Array, clipped: Array, bound: Array) -> str:

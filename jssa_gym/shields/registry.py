@@ -8,11 +8,11 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import NEAR, PUBLISHED, IndexParams
+from jssa_gym.shields.baselines import NoFilter, StopFilter
 from jssa_gym.shields.closed_form import PFMFilter, SMAFilter, SSMFilter
 from jssa_gym.shields.energy import CBFFilter, SSAFilter, SSSFilter
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
-from jssa_gym.shields.plain import NoFilter, StopFilter
 
 STOP = "+stop"
 """Ending of a filter's name: with the viability box and the verified stop around it."""

@@ -24,7 +24,7 @@ ASTRAY, LEAPT = 408, 409
 
 TRUST = 410
 """A person's capsule is not to be trusted; the code is this and what became of its sample
-(:mod:`jssa_gym.kernels.trust`), from 1."""
+(:mod:`jssa_gym.kernels.people`), from 1."""
 
 FOREIGN, FIXTURES, FAILED = 420, 421, 428
 """A filter that is not compiled says so itself; what stands still makes no rows; the control step failed."""

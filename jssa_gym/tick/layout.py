@@ -207,7 +207,7 @@ ANSWER = np.dtype(
         ("unverified", np.bool_),  # no verified stop is stored
         ("persistent", np.bool_),  # joint readings are wrong for so long or so often that it is no accident
         ("fresh", np.bool_),  # all people were measured at this very moment
-        ("sample", np.int64),  # what became of the sample of the capsule that is worst off, see jssa_gym.kernels.trust
+        ("sample", np.int64),  # what became of the sample of the capsule that is worst off, see jssa_gym.kernels.people
         ("inside", np.bool_),  # the nominal lay in the box
         ("attempt", np.int64),  # times that rows were linearised anew; of printed rows, how many there are
         ("recovering", np.bool_),  # a row asks for less than 0 at once
