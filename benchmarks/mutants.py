@@ -177,8 +177,8 @@ MUTANTS = [
     ),
     _kernel(
         "one part's contact speed for everybody",
-        "spin <= max(touch[k], REST)",
-        "spin <= max(touch.max(), REST)",
+        "spin <= max(touch[k], REST_SPEED)",
+        "spin <= max(touch.max(), REST_SPEED)",
         ASSUMPTIONS,
     ),
     # how a jerk is chosen
