@@ -63,7 +63,7 @@ class Observation:
 
     @property
     def space(self) -> spaces.Box:
-        """Its bounds, float32."""
+        """The vector's space: its bounds, float32."""
         return spaces.Box(self.low.astype(np.float32), self.high.astype(np.float32), dtype=np.float32)
 
 

@@ -13,7 +13,7 @@ from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes
 
 TRUTH = IndexParams(sliding=True, sliding_limit=1e3, sin2_floor=1e-4)
-"""For measuring: the distance's second derivative as it is."""
+"""Parameters for measuring: the distance's second derivative as it is."""
 
 
 def agent_records(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:

@@ -76,7 +76,7 @@ class FilterName(NamedTuple):
     """What the name of a filter says."""
 
     filter: str
-    """Of :data:`FILTERS`; or :data:`TASK_SHIELD`."""
+    """A name in :data:`FILTERS`; or :data:`TASK_SHIELD`."""
     stop: bool
     """Whether viability box and verified stop are around it."""
 

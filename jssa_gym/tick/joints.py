@@ -12,14 +12,14 @@ from jssa_gym.kernels.vector import copy_rows, fill
 from jssa_gym.tick import codes
 
 AGREEMENTS = 5
-"""After a reading that was wrong, so many in a row have to be right before they are believed again: twice as many
-each time that happens anew."""
+"""Readings in a row that have to be right after one that was wrong before they are believed again: twice as many each
+time that happens anew ..."""
 
 DOUBLINGS = 7
-"""... up to five seconds."""
+"""... but no more often than this: after five seconds."""
 
 FORGIVEN = 125
-"""After so many readings in a row that were believed, what was wrong before does not count any more."""
+"""Readings in a row that were believed, from which on what was wrong before does not count any more."""
 
 PERSISTENT = 10
 """Readings in a row that were wrong, from which on something is wrong for good."""
