@@ -20,6 +20,7 @@ import gymnasium as gym
 import numpy as np
 
 import jssa_gym
+from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.humans import ApproachRetreat, Nobody, Walk, WalkBy, nobody
 from jssa_gym.kernels.chain import forward, tool_motion
@@ -156,7 +157,7 @@ def episode(env: gym.Env, cell: Cell, seed: int) -> dict[str, Any]:
         out["touched"] += bool(info.get("shield/intervened", False))
         out["violation"] = out["violation"] or bool(info["limit_violation"])
         if info["contact"]:
-            out.update(contact=True, moving=info["contact_speed"] > REST, **look_back(arm, status, distance, speed))
+            out.update(contact=True, moving=info["contact_speed"] > MOVING, **look_back(arm, status, distance, speed))
             break
         if terminated or truncated:
             break

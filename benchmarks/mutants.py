@@ -177,8 +177,8 @@ MUTANTS = [
     ),
     _kernel(
         "one part's contact speed for everybody",
-        "spin <= max(touch[k], REST)",
-        "spin <= max(touch.max(), REST)",
+        "spin <= max(touch[k], REST_SPEED)",
+        "spin <= max(touch.max(), REST_SPEED)",
         ASSUMPTIONS,
     ),
     # how a jerk is chosen
@@ -311,14 +311,14 @@ MUTANTS = [
     ),
     Mutant(
         "jumps are believed",
-        "kernels/trust.py",
+        "kernels/people.py",
         "if not _within(ends, j, radius, track, allowed):",
         "if False:",
         (FILTERS, "jumping"),
     ),
     Mutant(
         "a frozen source is believed",
-        "kernels/trust.py",
+        "kernels/people.py",
         "return fastest > CLAIMS_MOTION * CLAIMS_MOTION",
         "return False",
         (FILTERS, "frozen"),
@@ -390,7 +390,7 @@ MUTANTS = [
     ),
     Mutant(
         "a radius is believed at once",
-        "kernels/trust.py",
+        "kernels/people.py",
         'left = allowed - abs(radius - track["radius"])',
         "left = allowed",
         (FILTERS, "radius_that"),

@@ -63,7 +63,7 @@ class Rate:
 
     @property
     def value(self) -> float:
-        """Of k by n."""
+        """The rate, k by n."""
         return self.k / self.n
 
     def __str__(self) -> str:

@@ -182,9 +182,9 @@ class Trace:
     distance: Annotated[Array, "T"]
     """Smallest robot-human surface distance [m]."""
     speed: Annotated[Array, "T"]
-    """Its rate [m/s]."""
+    """Rate of the distance [m/s]."""
     acceleration_of_distance: Annotated[Array, "T"]
-    """Its second derivative [m/s²]."""
+    """Second derivative of the distance [m/s²]."""
     pair: Annotated[NDArray[np.int64], "T 2"]
     """Closest robot and human capsule."""
     contact: Annotated[NDArray[np.bool_], "T"]

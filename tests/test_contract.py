@@ -99,12 +99,6 @@ class TestTask:
         task = TASKS[name]
         assert task.evolves == any(getattr(task, hook) is not getattr(Task, hook) for hook in HOOKS)
 
-    def test_its_human_and_its_terms_are_documented(self, name: str) -> None:
-        task = TASKS[name]()
-        assert f"**{task.name}** (default human: ``{task.human}``)" in (ArmEnv.__doc__ or "")
-        for term in task.terms:
-            assert term.text in (ArmEnv.__doc__ or "")
-
     def test_it_has_two_ids(self, name: str) -> None:
         assert TASKS[name].name == name
         for shielded in (False, True):

@@ -140,7 +140,7 @@ class Census:
         return float(_JERK[int(np.searchsorted(np.cumsum(self.jerk), level * self.states))])
 
     def plain(self) -> dict[str, Any]:
-        """As JSON can hold it, exactly."""
+        """The census as JSON can hold it, exactly."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return values | {
             "jerk": self.jerk.tolist(),
@@ -150,7 +150,7 @@ class Census:
 
     @classmethod
     def read(cls, plain: dict[str, Any]) -> Self:
-        """From :meth:`plain`.
+        """The census that :meth:`plain` has written.
 
         Raises:
             KeyError, TypeError, ValueError: It is something else.

@@ -106,7 +106,7 @@ class Certificate:
         return all(link.least_jerk >= self.needed_jerk for link in self.links)
 
     def plain(self) -> dict[str, Any]:
-        """As JSON can hold it."""
+        """The certificate as JSON can hold it."""
 
         def clean(value: Any) -> Any:
             if hasattr(value, "_asdict"):

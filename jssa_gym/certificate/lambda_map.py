@@ -74,7 +74,7 @@ class LambdaMap:
         return min(self.allowed, key=lambda cell: cell.cost)
 
     def plain(self) -> dict[str, Any]:
-        """As JSON can hold it."""
+        """The map as JSON can hold it."""
         return {**asdict(self), "best": asdict(self.best)}
 
 

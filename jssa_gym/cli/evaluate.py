@@ -67,7 +67,7 @@ class Separation:
     """Z_d + Z_r of speed and separation monitoring, of the person's and the robot's place [m]."""
 
     def params(self) -> SeparationParams:
-        """For an evaluation."""
+        """The parameters of an evaluation."""
         return SeparationParams(self.separation_speed, self.reaction_time, self.intrusion, self.uncertainty)
 
 

@@ -179,7 +179,7 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
 
 
 def _curves(episodes: Sequence[StressRow]) -> tuple[plots.Curve, plots.Curve]:
-    """By the people's speed and by the delay that nobody reports."""
+    """Two curves: by the people's speed, and by the delay that nobody reports."""
 
     def curve(points: dict[float, list[StressRow]]) -> plots.Curve:
         levels = sorted(points)

@@ -46,7 +46,7 @@ class Equalities(NamedTuple):
     matrix: Array
     """A: positions at the waypoints, then speed and acceleration at the end, by the jerks; shape (K + 2, H)."""
     scale: Array
-    """By which its rows are divided before they are factorised, shape (K + 2,)."""
+    """What its rows are divided by before they are factorised, shape (K + 2,)."""
     Q: Array
     R: Array
 
@@ -57,7 +57,7 @@ class Splines(NamedTuple):
     rows: sparse.csr_array
     """Jerk, acceleration, speed and position at all ticks by the free coefficients, shape (4 H - 3, f)."""
     columns: sparse.csr_array
-    """Its transpose."""
+    """The transpose of ``rows``."""
     products: sparse.csr_array
     """Bands of ``rows.T @ diag(w) @ rows`` by w, shape (4 f, 4 H - 3)."""
     fixed: NDArray[np.int64]
@@ -66,7 +66,7 @@ class Splines(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def equalities(ticks: tuple[int, ...]) -> Equalities:
-    """Of waypoints so many ticks apart, each at least :data:`FEWEST`."""
+    """The equalities of waypoints so many ticks apart, each at least :data:`FEWEST`."""
     marks = np.cumsum(ticks)
     H = int(marks[-1])
     left = marks[:, None] - 1 - np.arange(H)
@@ -81,7 +81,7 @@ def equalities(ticks: tuple[int, ...]) -> Equalities:
 
 @functools.lru_cache(maxsize=64)
 def splines(ticks: tuple[int, ...]) -> Splines:
-    """Of waypoints so many ticks apart, each at least :data:`FEWEST`."""
+    """The splines of waypoints so many ticks apart, each at least :data:`FEWEST`."""
     marks = np.cumsum(ticks)
     H = int(marks[-1])
 

@@ -11,15 +11,13 @@ from jssa_gym.control.least_jerk import FEWEST, corrected, equalities, limited, 
 from jssa_gym.exceptions import InfeasibleError, ParameterError
 from jssa_gym.kernels.motion import violates
 from jssa_gym.kernels.profile import follow, keeps
+from jssa_gym.kernels.rest import REST_PLANNED
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import positive_number, real_array
 
 TOLERANCE = 1e-9
 """Share of a limit by which a plan may exceed it: rounding."""
-
-REST = 1e-9
-"""Speed [rad/s] and acceleration [rad/s²] that a plan may end with."""
 
 MET = 1e-6
 """Distance from a waypoint that counts as met [rad]."""
@@ -200,7 +198,7 @@ def _attempt(state: Array, waypoints: Array, each: int, limits: JointLimits, dt:
             jerk[:, j] = better
         plan = Plan.follow(state, jerk, dt, plan.marks)
     met = np.abs(plan.states[list(plan.marks), 0] - waypoints).max() <= MET
-    at_rest = np.abs(plan.states[-1, 1:]).max() <= REST
+    at_rest = np.abs(plan.states[-1, 1:]).max() <= REST_PLANNED
     return plan if met and at_rest and plan.keeps(limits) else None
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from jssa_gym.envs.describe import arm_features, describe
-from jssa_gym.envs.observation import Observation
+from jssa_gym.envs.observation import Observation, arm_features
 from jssa_gym.envs.options import check_arguments, checked_options
 from jssa_gym.envs.surroundings import Closest, Surroundings
 from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Progress, Task, make_task
@@ -32,11 +31,122 @@ DT = 0.008
 MOVING = 1e-3
 """Speed of the robot's touching point from which a contact counts as moving [m/s]."""
 
-_START_CLEARANCE = 0.1
+START_CLEARANCE = 0.1
 """Smallest robot-human distance that an episode starts with [m]."""
 
 
-class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  # its docstring is made below
+class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """An arm driven by joint jerk beside moving people, 125 Hz.
+
+    The joint state follows the paper's Eq. (1) exactly, jerk held over each step of 0.008 s. With
+    ``dynamics="servo"`` MuJoCo simulates the arm's inertias under 1 kHz position servos that track that command;
+    distances, contacts and success are then those of the simulated arm, and ``info["tracking_error"]`` (n,) [rad] is
+    its position minus the command's. Limits are reported, not enforced: that is a shield's work. With servos
+    ``limit_violation`` is of the command (position to jerk) and of the simulated arm, whose position may swing over by
+    2 mrad and whose velocity by 2 % of its limit.
+
+    **Action**: joint jerk as a share of the jerk bounds, ``Box(-1, 1, (n,), float32)``; float64 is taken as it is.
+
+    **Observation**, float32, values clipped to the bounds (index, name, bounds, meaning; for the six joints and one
+    kind of body)::
+
+        0-5     position         [-1.5, 1.5]  joint position from mid-range / half range
+        6-11    velocity         [-2, 2]      joint velocity / limit
+        12-17   acceleration     [-2, 2]      joint acceleration / limit
+        18-20   tip              [-2, 2]      tool centre point from the robot's base [m]
+        21-23   gap              [-2, 2]      closest axis points: human's minus robot's [m]
+        24-26   human_point      [-2, 2]      closest human axis point from the robot's base [m]
+        27-29   human_velocity   [-3, 3]      its velocity [m/s]
+        30-35   human_distance   [-0.5, 2]    surface distance of each body part to the arm [m]
+
+    then the task's goal. Without a human the human's entries are at their upper bounds, the velocity 0.
+
+    **Tasks**, with the goal's observation and the reward's terms:
+
+    **home** (default human: ``approach_retreat``). Hold the home position (the paper's task). Success, within 0.05 rad
+    (root mean square) for 0.1 s, never ends it.
+
+    ::
+
+        36-41   goal             [-1, 1]      home minus joint position / range
+          -1.00 · posture    root mean square distance of the joints from home [rad]
+          -0.01 · effort     mean squared action
+          -0.50 · closeness  1 if the smallest distance is below d_min, else 0
+          -5.00 · contact    1 in a contact with the arm moving, else 0
+
+    **reach** (default human: ``random``). Bring the tool centre point within 0.02 m of a random target, slower than
+    0.05 m/s, for 0.1 s.
+
+    ::
+
+        36-38   goal             [-2, 2]      target minus tool centre point, world axes [m]
+          -1.00 · reach      distance of the tool centre point from the target [m]
+          -1.00 · near       tanh(that distance / 0.1 m)
+         +10.00 · success    1 on success, else 0
+          -0.01 · effort     mean squared action
+          -0.50 · closeness  1 if the smallest distance is below d_min, else 0
+          -5.00 · contact    1 in a contact with the arm moving, else 0
+
+    **track** (default human: ``constant_velocity``). Follow joint waypoints, one every period (1.5 s), in their order.
+    The reference waits for an arm that is late. Success: all visited within 0.05 rad (root mean square) and, when the
+    reference is at its end, there at rest (0.05 rad, 0.05 rad/s) for 0.1 s. info: track/visited, track/lateness [s],
+    track/error [rad].
+
+    ::
+
+        36-41   goal             [-1, 1]      next waypoint minus joint position / range
+        42-47   reference        [-1, 1]      reference minus joint position / range
+        48      due              [0, 2]       time until the next waypoint is due / period
+        49      visited          [0, 1]       share of the waypoints visited
+          -1.00 · track      root mean square distance of the joints from the reference [rad]
+         +10.00 · success    1 on success, else 0
+          -0.01 · effort     mean squared action
+          -0.50 · closeness  1 if the smallest distance is below d_min, else 0
+          -5.00 · contact    1 in a contact with the arm moving, else 0
+
+    **handover** (default human: ``receive``). Bring the tool centre point to a person's right hand, which moves: within
+    0.03 m of a point 0.27 m from the hand on the robot's side, slower than 0.05 m/s, for 0.1 s.
+
+    ::
+
+        36-38   goal             [-2, 2]      handover point minus tool centre point, world axes [m]
+          -1.00 · handover   distance of the tool centre point from the handover point [m]
+          -1.00 · near       tanh(that distance / 0.1 m)
+         +10.00 · success    1 on success, else 0
+          -0.01 · effort     mean squared action
+          -0.50 · closeness  1 if the smallest distance is below d_min, else 0
+          -5.00 · contact    1 in a contact with the arm moving, else 0
+
+    **Termination**: what ``terminate_on`` names: ``success``, ``contact``, ``moving_contact`` (the robot's touching
+    point faster than 1e-3 m/s) or ``limit_violation``; the default is success and moving contact. A contact with the
+    arm at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s), by ``TimeLimit``.
+
+    **Start**: at rest at home, nobody closer than 0.1 m. ``reset(options={...})`` takes ``joint_position``, ``goal``
+    and ``human_start``.
+
+    **info**, the same keys and types after reset and step: ``distance`` [m] (smallest robot-human surface distance, inf
+    without a human), ``contact`` (bool), ``contact_speed`` [m/s] (of the robot's touching point, 0.0 without contact),
+    ``cost`` (1.0 when the distance is below ``d_min``), ``jerk`` (n,) [rad/s³] applied, ``limit_violation`` (bool),
+    ``success`` (bool; as ``is_success`` too, which Stable-Baselines3 counts), ``reward/<term>`` (0.0 after reset) and
+    what the task says.
+
+    Args:
+        task: ``"home"``, ``"reach"``, ``"track"``, ``"handover"`` or a :class:`~jssa_gym.envs.tasks.Task`.
+        human: A name in :data:`jssa_gym.humans.HUMANS`, a motion, or several of them; None for the task's default.
+        dynamics: ``"kinematic"`` or ``"servo"``.
+        scene: ``"table"`` (the base stands at 0.87 m, the arm must stay above) or ``"floor"``.
+        robot: A name in :data:`jssa_gym.robots.ROBOTS`, a model, or an MJCF file with its limits beside it.
+        terminate_on: What ends an episode.
+        d_min: Distance below which ``cost`` is 1 [m].
+        render_mode: ``"rgb_array"``, ``"human"`` (a window; listed where there is a display) or None.
+        width, height: Size of pictures [pixels].
+
+    Raises:
+        ParameterError: An argument is unknown or out of range.
+        RobotModelError: The robot's file cannot be modelled.
+        DisplayError: ``render_mode="human"`` without a display.
+    """
+
     metadata: dict[str, Any] = {  # noqa: RUF012  # Gymnasium declares it so
         "render_modes": ["rgb_array", "human"] if has_display() else ["rgb_array"],
         "render_fps": round(1.0 / DT),
@@ -167,7 +277,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
             self._begin(position, goal, self.human.reset(self.np_random, start))
             _, distance, contact_speed, _ = self._around.move(self._state, self._zero, 0.0)
             # nobody begins within reach of contact, unless the user puts them there
-            if distance >= _START_CLEARANCE or start is not None:
+            if distance >= START_CLEARANCE or start is not None:
                 break
         self._begun = True
         if self.dynamics == "servo":
@@ -301,6 +411,3 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):  # noqa: D101  
         """Free renderer and window; the environment can still be stepped."""
         if self._world is not None:
             self._world.close()
-
-
-ArmEnv.__doc__ = describe()

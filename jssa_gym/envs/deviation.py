@@ -45,7 +45,7 @@ def is_noise(off: Array, known: Array, least: float) -> bool:
 
 
 def rounded_up(value: float) -> float:
-    """To two significant digits."""
+    """A number rounded up to two significant digits."""
     if not 0.0 < value < np.inf:
         return value
     digit = 10.0 ** (np.floor(np.log10(value)) - 1.0)

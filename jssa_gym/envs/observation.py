@@ -8,6 +8,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import RobotModel
 
 FAR = 2.0
 """Distances and positions beyond this are observed as this [m]."""
@@ -62,8 +63,24 @@ class Observation:
 
     @property
     def space(self) -> spaces.Box:
-        """Its bounds, float32."""
+        """The vector's space: its bounds, float32."""
         return spaces.Box(self.low.astype(np.float32), self.high.astype(np.float32), dtype=np.float32)
+
+
+def arm_features(robot: RobotModel, parts: int) -> tuple[Feature, ...]:
+    """What every task observes before its own features: the arm and the people."""
+    limits, n = robot.limits, robot.n
+    half = (limits.position[:, 1] - limits.position[:, 0]) / 2.0
+    return (
+        Feature("position", n, tuple(half.tolist()), -1.5, 1.5, "joint position from mid-range / half range"),
+        Feature("velocity", n, tuple(limits.velocity.tolist()), -2.0, 2.0, "joint velocity / limit"),
+        Feature("acceleration", n, tuple(limits.acceleration.tolist()), -2.0, 2.0, "joint acceleration / limit"),
+        Feature("tip", 3, (1.0,), -FAR, FAR, "tool centre point from the robot's base [m]"),
+        Feature("gap", 3, (1.0,), -FAR, FAR, "closest axis points: human's minus robot's [m]"),
+        Feature("human_point", 3, (1.0,), -FAR, FAR, "closest human axis point from the robot's base [m]"),
+        Feature("human_velocity", 3, (1.0,), -3.0, 3.0, "its velocity [m/s]"),
+        Feature("human_distance", parts, (1.0,), -0.5, FAR, "surface distance of each body part to the arm [m]"),
+    )
 
 
 def feature_table(features: Sequence[Feature]) -> str:

@@ -13,8 +13,11 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, positive_integer, real_array
 
-_ENDINGS = ("success", "contact", "moving_contact", "limit_violation")
-_OPTIONS = ("joint_position", "goal", "human_start")
+ENDINGS = ("success", "contact", "moving_contact", "limit_violation")
+"""What may end an episode."""
+
+OPTIONS = ("joint_position", "goal", "human_start")
+"""What ``reset`` may be told."""
 
 
 def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: Any, height: Any) -> tuple[int, int]:
@@ -29,9 +32,9 @@ def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: A
     """
     known_name("dynamics", dynamics, ("kinematic", "servo"))
     if isinstance(terminate_on, str) or not isinstance(terminate_on, Sequence):
-        raise ParameterError(f"terminate_on has to be a tuple of {', '.join(_ENDINGS)}; got {terminate_on!r}")
+        raise ParameterError(f"terminate_on has to be a tuple of {', '.join(ENDINGS)}; got {terminate_on!r}")
     for ending in terminate_on:
-        known_name("ending in terminate_on", ending, _ENDINGS)
+        known_name("ending in terminate_on", ending, ENDINGS)
     if render_mode is not None:
         known_name("render_mode", render_mode, ("rgb_array", "human"))
     size = positive_integer("width", width), positive_integer("height", height)
@@ -58,9 +61,9 @@ def checked_options(options: dict[str, Any] | None, robot: RobotModel, human: Hu
         ParameterError: An option is unknown or out of range.
     """
     options = {} if options is None else options
-    unknown = [key for key in options if key not in _OPTIONS]
+    unknown = [key for key in options if key not in OPTIONS]
     if unknown:
-        raise ParameterError(f"unknown reset options {unknown}; valid: {', '.join(_OPTIONS)}")
+        raise ParameterError(f"unknown reset options {unknown}; valid: {', '.join(OPTIONS)}")
     position = _checked_position(options.get("joint_position"), robot)
     start, goal = options.get("human_start"), options.get("goal")
     if start is not None:

@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.kernels.trust import CLAIMS_MOTION, STAMP_ROUNDING
+from jssa_gym.kernels.people import CLAIMS_MOTION, STAMP_ROUNDING
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import LIMB_PARTS, SLOW_PARTS, FailsafeParams
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes, Scene

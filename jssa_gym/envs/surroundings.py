@@ -82,7 +82,7 @@ class Surroundings:
 
     @property
     def pointers(self) -> tuple[Any, Any]:
-        """To the arm and to what is seen, for kernels; made anew where a copy needs them first."""
+        """Pointers to the arm and to what is seen, for kernels; made anew where a copy needs them first."""
         if self._pointers is None:
             self._pointers = body_pointer(self._body), seen_pointer(self.seen)
         return self._pointers

@@ -223,7 +223,7 @@ def contender_names() -> tuple[str, ...]:
 
 
 def contender(name: str) -> Contender:
-    """Of :data:`CONTENDERS`, or a filter by its own name, bare or with the verified stop.
+    """The contender of a name in :data:`CONTENDERS`, or a filter by its own name, bare or with the verified stop.
 
     Raises:
         ParameterError: Unknown name.

@@ -156,7 +156,7 @@ def _stops(state: Array, bounds: Array, dt: float) -> NDArray:
 
 
 def _shift(robot: RobotModel, position: Array, segments: NDArray) -> Array:
-    """From segments (T, m) to where they are at joint positions (T, n): of both ends, shape (T, 2, m, 3) [m]."""
+    """The ways of both ends from segments (T, m) to where they are at joint positions (T, n), (T, 2, m, 3) [m]."""
     frames, rested, state = records(robot.n, FRAME), records(segments.shape, SEGMENT), np.zeros((3, robot.n))
     for t in range(len(position)):
         state[0] = position[t]

@@ -67,7 +67,7 @@ class Excess(NamedTuple):
 
     @classmethod
     def of(cls, state: Array, jerk: Array, limits: JointLimits) -> "Excess":
-        """Of states (s, 3, n) and jerks (T, n)."""
+        """The largest excess of states (s, 3, n) and jerks (T, n)."""
         low, high = limits.position.T
         return cls(
             float((np.maximum(state[:, 0] - high, low - state[:, 0]) / (high - low)).max()),
@@ -101,7 +101,7 @@ class Judgement:
     excess: Excess
     """Of the joint limits, at the sub-steps."""
     tolerance: float
-    """Of :attr:`agrees`."""
+    """The largest error with which the record :attr:`agrees`."""
 
     @property
     def agrees(self) -> bool:

@@ -79,7 +79,7 @@ class Report:
         return tuple(told)
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON can hold it."""
+        """The report as JSON can hold it."""
         return {
             **self.setting._asdict(),
             "episodes": len(self.episodes),
@@ -147,9 +147,9 @@ class Tally:
     judged: int
     """Episodes that MuJoCo judged."""
     disagreements: int
-    """Of them, those in which it found something else."""
+    """Those of them in which it found something else."""
     overlaps: int
-    """Of them, those in which the arm met the table or itself."""
+    """Those of them in which the arm met the table or itself."""
 
 
 def tally(episodes: Sequence[StressRow], by: Sequence[str]) -> list[Tally]:

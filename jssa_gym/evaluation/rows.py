@@ -59,7 +59,7 @@ class Row:
 
     @property
     def severity(self) -> Any:
-        """For keeping the worst: the larger, the worse."""
+        """How bad it is, for keeping the worst: the larger, the worse."""
         raise NotImplementedError
 
     @property
@@ -110,7 +110,7 @@ class EvaluationRow(Row):
 
     @property
     def severity(self) -> tuple[float, float, float]:
-        """For keeping the worst: by the speed of a moving contact, then by limits exceeded, then by distance."""
+        """How bad it is: by the speed of a moving contact, then by limits exceeded, then by distance."""
         summary = self.summary
         # the speed of an arm at rest is rounding
         return (
@@ -190,5 +190,5 @@ class StressRow(Row):
 
     @property
     def severity(self) -> float:
-        """For keeping the worst: disagreements first, then by contact speed and excess."""
+        """How bad it is: disagreements first, then by contact speed and excess."""
         return (0.0 if self.agrees else 1e6) + max(self.contact_speed, self.judged_speed) + max(self.excess, 0.0)

@@ -39,17 +39,17 @@ def _escaped(part: Any) -> str:
 
 
 def colour(k: int) -> str:
-    """Of the k-th thing."""
+    """The colour of the k-th thing."""
     return COLOURS[k % len(COLOURS)]
 
 
 def dashes(k: int) -> str:
-    """Of the k-th thing's line: where colours repeat, lines differ."""
+    """The dashes of the k-th thing's line: where colours repeat, lines differ."""
     return ("", "6 3", "2 3", "8 3 2 3")[(k // len(COLOURS)) % 4]
 
 
 def marker(k: int, x: float, y: float, title: str = "") -> Markup:
-    """Of the k-th thing's points: where colours repeat, shapes differ; at ``x``, ``y`` [pixels]."""
+    """A point of the k-th thing, at ``x``, ``y`` [pixels]: where colours repeat, shapes differ."""
     corners = (
         (),
         ((-4.5, -4.5), (4.5, -4.5), (4.5, 4.5), (-4.5, 4.5)),

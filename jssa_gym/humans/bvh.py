@@ -156,7 +156,7 @@ class _Reader:
 
     @property
     def number(self) -> int:
-        """Of the line that was read last."""
+        """Number of the line that was read last."""
         return self._lines[self._at - 1][0] if self._at else 1
 
     def next(self, wanted: str) -> list[str]:

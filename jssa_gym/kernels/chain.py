@@ -83,7 +83,7 @@ def pose(links, position, frames):
 
 @jit
 def _offset(link, before):
-    """From the origin of the frame before to the link's own, in world coordinates."""
+    """The way from the origin of the frame before to the link's own, in world coordinates."""
     base, offset = before["rotation"], link["offset"]
     return (dot(base[0], offset), dot(base[1], offset), dot(base[2], offset))
 

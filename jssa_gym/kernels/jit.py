@@ -22,7 +22,7 @@ from jssa_gym.kernels.cache import KernelCache
 
 
 def source_hash() -> str:
-    """Of all that is compiled."""
+    """Hash of all that is compiled."""
     digest = hashlib.sha256()
     package = Path(__file__).parent.parent
     for source in sorted(path for room in ("kernels", "tick") for path in (package / room).glob("*.py")):

@@ -9,11 +9,10 @@ import numpy as np
 
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import advance, representable
+from jssa_gym.kernels.rest import REST_PLANNED
 
 ROUNDING = 1e-12
 """What is lost to rounding when a state comes to lie on the grid, as a share (of a limit, or of a tick)."""
-REST = 1e-9
-"""A stop that leaves more speed [rad/s] or acceleration [rad/s²] than this is none."""
 LONGEST = 1e9
 """No stop takes more ticks than this (92 days): an integer always holds their number."""
 
@@ -224,7 +223,7 @@ def parts_keep(q, v, a, ramp, hold, release, jerk_in, jerk_out, low, high, V, A,
     if not _stays(q, v, a, jerk_out, release * tau, low, high, V, A, J):
         return False
     _, v, a = advance(q, v, a, jerk_out, release * tau)
-    return abs(v) <= REST and abs(a) <= REST
+    return abs(v) <= REST_PLANNED and abs(a) <= REST_PLANNED
 
 
 @jit

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 from jssa_gym.kernels.capsules import capsule_pair, plane_pair, stands
 from jssa_gym.kernels.chain import place_axes, pose
 from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.stopping import peak_speed, step_keeps, stop_at, stop_keeps
 from jssa_gym.kernels.vector import fill, fill_rows
-
-REST = 1e-6
-"""Speed of a point of the arm below which it is at rest [m/s]: what rounding leaves."""
 
 _SHORTEST = 5e-4
 """Advancement under which a gap counts as closed [s]."""
@@ -233,7 +231,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                 rate += levers[i, j] * fastest[j]
                 spin += (levers[i, j] + part["radius"]) * fastest[j]
             for k in range(agents.shape[0]):
-                if spin <= max(touch[k], REST) or _off(people_off[i, k], t, lasting):
+                if spin <= max(touch[k], REST_SPEED) or _off(people_off[i, k], t, lasting):
                     continue
                 agent = agents[k]
                 radii = part["radius"] + agent["radius"]
@@ -246,7 +244,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                 if not (lasts > _SHORTEST):
                     return REACH, i, k, t
                 lasting, people_off[i, k] = min(lasting, lasts), t + lasts
-            if rate <= REST:
+            if rate <= REST_SPEED:
                 continue
             for k in range(planes.shape[0]):
                 if _off(planes_off[i, k], t, lasting) or stands(part, planes[k]):
@@ -277,7 +275,7 @@ def keeps_clear(robot, motion, ticks, around, work):
             rate = 0.0
             for j in range(one["link"] + 1, two["link"] + 1):
                 rate += levers[outer, j] * fastest[j]
-            if rate <= REST:
+            if rate <= REST_SPEED:
                 continue
             gap, _, _ = capsule_pair(one["start"], one["end"], two["start"], two["end"], one["radius"] + two["radius"])
             lasts = (gap - 2.0 * margin) / rate

@@ -41,7 +41,7 @@ class Surface(NamedTuple):
 
 
 def surface(index: IndexParams) -> Surface:
-    """Of Eq. (6)."""
+    """The zero set of Eq. (6)."""
     kernel = index.kernel()
     level = np.vectorize(lambda D, rate: index_value(D, rate, 0.0, kernel) / index.lambda2)
     title = rf"$\phi$, $\lambda$ = ({index.lambda1:g}, {index.lambda2:g})"
@@ -49,7 +49,7 @@ def surface(index: IndexParams) -> Surface:
 
 
 def linear_surface(index: IndexParams) -> Surface:
-    r"""Of the paper's :math:`\phi^* = \phi_0 + \lambda_1\dot\phi_0 + \lambda_2\ddot\phi_0`, which is linear."""
+    r"""The zero set of the paper's linear :math:`\phi^* = \phi_0 + \lambda_1\dot\phi_0 + \lambda_2\ddot\phi_0`."""
     d_min, one, two = index.d_min, index.lambda1, index.lambda2
     slope = (one + np.sqrt(max(one**2 - 4.0 * two, 0.0))) / (2.0 * two)
     title = rf"$\phi^*$ (linear), $\lambda$ = ({one:g}, {two:g})"

@@ -34,7 +34,7 @@ def _made_anew(thing: Any) -> tuple[type, tuple[Any, ...]]:
 
 
 class LimitsError(RobotModelError):
-    """Of velocity, acceleration or jerk, which no MJCF file holds."""
+    """Unfit limits of velocity, acceleration or jerk, which no MJCF file holds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +73,7 @@ class JointLimits:
                 raise LimitsError(f"{name} limits have to be positive and finite, got {limit}")
 
     def bounds(self) -> Array:
-        """As the kernels take them: a new array, shape (5, n).
+        """The limits as the kernels take them: a new array, shape (5, n).
 
         Its rows are the lower and the upper position [rad], velocity [rad/s], acceleration [rad/s²], jerk [rad/s³].
         """

@@ -36,9 +36,9 @@ class Pairs:
     pair: tuple[int, int]
     """Robot and human capsule that are closest; (-1, -1) without people."""
     closest: int
-    """Its number; -1 without people."""
+    """Number of that pair; -1 without people."""
     distance: float
-    """Its distance [m]; inf without people."""
+    """Distance of that pair [m]; inf without people."""
 
     def index(self, d_min: float, lambda1: float, lambda2: float) -> Array:
         r""":math:`\phi` of Eq. (6) of every pair, shape (p,) [m²]."""

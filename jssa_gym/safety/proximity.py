@@ -13,7 +13,7 @@ from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes
 
 TRUTH = IndexParams(sliding=True, sliding_limit=1e3, sin2_floor=1e-4)
-"""For measuring: the distance's second derivative as it is."""
+"""Parameters for measuring: the distance's second derivative as it is."""
 
 
 def agent_records(capsules: CapsuleSet, out: NDArray | None = None) -> NDArray:
@@ -56,8 +56,8 @@ def check_capsules(capsules: CapsuleSet) -> None:
         raise ValueError(f"capsules need ends and velocities of shape {ends} for radii of shape {shape}")
 
 
-def plain(array: NDArray) -> NDArray:
-    """An array as it is.
+def checked_array(array: NDArray) -> NDArray:
+    """An array as it is, once it is known to be one.
 
     Raises:
         ValueError: It is none, or masked: what a mask hides is no measurement.
@@ -69,7 +69,7 @@ def plain(array: NDArray) -> NDArray:
     return array
 
 
-def plain_capsules(capsules: CapsuleSet) -> CapsuleSet:
+def checked_capsules(capsules: CapsuleSet) -> CapsuleSet:
     """Capsules in float64, the type that kernels are compiled for; as they are where nothing has to be done.
 
     Raises:
@@ -78,7 +78,7 @@ def plain_capsules(capsules: CapsuleSet) -> CapsuleSet:
     arrays = (capsules.radius, capsules.start, capsules.end, capsules.start_velocity, capsules.end_velocity)
     if all(type(array) is np.ndarray and array.dtype == np.float64 for array in arrays):
         return capsules
-    radius, start, end, start_velocity, end_velocity = (np.asarray(plain(array), np.float64) for array in arrays)
+    radius, start, end, start_velocity, end_velocity = (np.asarray(checked_array(x), np.float64) for x in arrays)
     return capsules._replace(
         start=start, end=end, start_velocity=start_velocity, end_velocity=end_velocity, radius=radius
     )

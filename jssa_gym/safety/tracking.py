@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.kernels.rest import REST_COMMAND
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import levers
 from jssa_gym.types import Array
@@ -14,9 +15,6 @@ from jssa_gym.validation import number_within, positive_number, real_array
 
 _FINER = 8
 """Lags looked at between one tick and the next."""
-
-_RESTING = 1e-9
-"""What a command at rest may change by in a tick [rad]: rounding."""
 
 
 class Tracking(NamedTuple):
@@ -96,7 +94,7 @@ def measure_tracking(
     # the surface of a spinning capsule moves too
     surface = reach + robot.capsules["radius"][:, None] * (np.arange(robot.n) <= robot.capsules["link"][:, None])
     speed = (np.abs(np.diff(motion, axis=0)) @ surface.T).max(axis=1) / dt
-    resting = np.abs(np.diff(command, axis=0)).max(axis=1) <= _RESTING
+    resting = np.abs(np.diff(command, axis=0)).max(axis=1) <= REST_COMMAND
     return Tracking(float(lags[best]), _settling(speed > still, resting) * dt, errors[best])
 
 

@@ -1,5 +1,6 @@
 """Safety filters, and the wrappers that put them around an environment."""
 
+from jssa_gym.shields.baselines import NoFilter, StopFilter
 from jssa_gym.shields.closed_form import (
     PFMFilter,
     PFMParams,
@@ -12,7 +13,6 @@ from jssa_gym.shields.energy import CBFFilter, CBFParams, SSAFilter, SSAParams, 
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.options import JSSAOptions
-from jssa_gym.shields.plain import NoFilter, StopFilter
 from jssa_gym.shields.registry import FILTERS, STOP, TASK_SHIELD, Build, FilterName, make_filter, read_name
 from jssa_gym.shields.shield import JSSAShield, Shield
 

@@ -7,7 +7,8 @@ import numpy as np
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import FRAME, SEGMENT, STOP, records
-from jssa_gym.kernels.stopping import REST, plan_stop, stop_jerk
+from jssa_gym.kernels.rest import REST_PLANNED
+from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, IndexParams
@@ -225,7 +226,7 @@ class SSMFilter(PairFilter):
             stopped = needed[worst] if needed[worst] < np.inf else max(D[worst], 0.0)
             self._resume = float(stopped + self.params.hysteresis)
         jerk = np.zeros(self.robot.n)
-        if np.abs(tick.state[1:]).max() >= REST:
+        if np.abs(tick.state[1:]).max() >= REST_PLANNED:
             plan = records(self.robot.n, STOP)
             plan_stop(tick.state, self.robot.limits.bounds(), self.dt, plan)
             stop_jerk(plan, 0, jerk)

@@ -104,7 +104,7 @@ class SafetyFilter:
         return np.nan, np.nan, (-1, -1)
 
     def failed(self, tick: Tick, reason: str) -> Decision:
-        """For :meth:`respond` to answer that it found no jerk."""
+        """The answer of a :meth:`respond` that found no jerk."""
         still = np.zeros(self.robot.n)
         return Decision(still, tick.nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from jssa_gym.kernels.records import AGENT, PLANE, records
 from jssa_gym.kernels.verification import CHANGED_PLANES, CHANGED_STATICS, load_fixtures
-from jssa_gym.safety.proximity import check_capsules, plain, plain_capsules
+from jssa_gym.safety.proximity import check_capsules, checked_array, checked_capsules
 from jssa_gym.shields.reasons import FIXTURES
 from jssa_gym.shields.records import Records, View
 from jssa_gym.types import Array, CapsuleSet, Planes, Scene
@@ -123,7 +123,7 @@ class Reading:
     def _check_joints(self, values: Any) -> None:
         """Raises if an array is not what is taken for one."""
         if self._trusting:
-            plain(values)
+            checked_array(values)
             return
         kind, size = values.dtype.kind, values.dtype.itemsize
         if isinstance(values, np.ma.MaskedArray):
@@ -212,7 +212,7 @@ class Reading:
         Raises:
             ValueError, TypeError: They do not fit together.
         """
-        human, valid = plain_capsules(human), plain(valid)
+        human, valid = checked_capsules(human), checked_array(valid)
         check_capsules(human)
         if valid.shape != human.radius.shape or valid.dtype != np.bool_:
             raise ValueError(f"valid has shape {valid.shape} for {len(human.radius)} capsules")
@@ -243,7 +243,7 @@ class Reading:
 
     def _recognise(self, static: CapsuleSet, planes: Planes) -> tuple[CapsuleSet, Array, Array]:
         """Take other objects for the fixtures."""
-        capsules, normal, offset = plain_capsules(static), plain(planes.normal), plain(planes.offset)
+        capsules, normal, offset = checked_capsules(static), checked_array(planes.normal), checked_array(planes.offset)
         names = tuple(planes.names), tuple(static.names)
         check_capsules(capsules)
         if normal.shape != (len(offset), 3):

@@ -14,7 +14,7 @@ FAULTS = (
     "human measurement is not finite",
     "a human capsule was not measured",
 )
-"""Of the input, by its code less 400."""
+"""What is wrong with the input, by its code less 400."""
 
 UNFIT = (
     "",
@@ -22,7 +22,7 @@ UNFIT = (
     "the filter's answer is outside the jerk bounds",
     "the filter's answer is not the nominal, as it claims",
 )
-"""Of the answer, by the number of :func:`~jssa_gym.tick.admit.unfit`."""
+"""What is wrong with the answer, by the number of :func:`~jssa_gym.tick.admit.unfit`."""
 
 FIXTURES = (
     "",
@@ -34,10 +34,10 @@ FIXTURES = (
 not come, go or move."""
 
 OUTSIDE = "outside the jerk bounds"
-"""Of a decision that only clipped the nominal to the jerk bounds."""
+"""Reason of a decision that only clipped the nominal to the jerk bounds."""
 
 UNRECOVERABLE = "would leave no way to keep the joint limits"
-"""Of a decision that only clipped the nominal, to a viability box narrower than the jerk bounds."""
+"""Reason of a decision that only clipped the nominal, to a viability box narrower than the jerk bounds."""
 
 
 SAMPLES = (
@@ -51,7 +51,7 @@ SAMPLES = (
     "not finite",
     "without a radius",
 )
-"""What became of a human capsule's sample, by the number of :mod:`jssa_gym.kernels.trust`."""
+"""What became of a human capsule's sample, by the number of :mod:`jssa_gym.kernels.people`."""
 
 
 def of_clipping(nominal: Array, clipped: Array, bound: Array) -> str:

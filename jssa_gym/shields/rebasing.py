@@ -4,11 +4,11 @@ import numpy as np
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.joints import deviates
+from jssa_gym.kernels.rest import at_rest
 from jssa_gym.shields.reading import Reading, part_of
 from jssa_gym.shields.reasons import FAULTS
 from jssa_gym.shields.records import Records
 from jssa_gym.tick import loop
-from jssa_gym.tick.joints import at_rest
 from jssa_gym.types import Scene
 
 

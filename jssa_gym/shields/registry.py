@@ -8,11 +8,11 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import NEAR, PUBLISHED, IndexParams
+from jssa_gym.shields.baselines import NoFilter, StopFilter
 from jssa_gym.shields.closed_form import PFMFilter, SMAFilter, SSMFilter
 from jssa_gym.shields.energy import CBFFilter, SSAFilter, SSSFilter
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
-from jssa_gym.shields.plain import NoFilter, StopFilter
 
 STOP = "+stop"
 """Ending of a filter's name: with the viability box and the verified stop around it."""
@@ -76,7 +76,7 @@ class FilterName(NamedTuple):
     """What the name of a filter says."""
 
     filter: str
-    """Of :data:`FILTERS`; or :data:`TASK_SHIELD`."""
+    """A name in :data:`FILTERS`; or :data:`TASK_SHIELD`."""
     stop: bool
     """Whether viability box and verified stop are around it."""
 

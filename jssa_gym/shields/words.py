@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jssa_gym.kernels.trust import LOST, NEVER
+from jssa_gym.kernels.people import LOST, NEVER
 from jssa_gym.kernels.verification import HALF_SPACE, REACH, STATIC
 from jssa_gym.robots import RobotModel
 from jssa_gym.shields.reading import Reading

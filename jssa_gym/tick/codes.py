@@ -14,7 +14,7 @@ LIMITS, UNDECIDED, REACH, MEETS = 301, 302, 303, 304
 (``other`` from 0 counts half-spaces, then static capsules, then the robot's own capsules)."""
 
 NOT_FINITE_NOMINAL, NOT_FINITE_JOINTS, NOT_FINITE_PEOPLE, UNMEASURED = 401, 402, 403, 404
-"""What is not finite, or was not measured."""
+"""What is not finite: nominal, joints, people; somebody was not measured."""
 
 SCENE, JOINTS, PEOPLE = 405, 406, 407
 """What could not be read, or does not fit."""
@@ -24,7 +24,7 @@ ASTRAY, LEAPT = 408, 409
 
 TRUST = 410
 """A person's capsule is not to be trusted; the code is this and what became of its sample
-(:mod:`jssa_gym.kernels.trust`), from 1."""
+(:mod:`jssa_gym.kernels.people`), from 1."""
 
 FOREIGN, FIXTURES, FAILED = 420, 421, 428
 """A filter that is not compiled says so itself; what stands still makes no rows; the control step failed."""
@@ -33,10 +33,10 @@ ANSWER, UNSOLVED, INDEX, PRINTED_ROW, UNVERIFIED = 422, 423, 424, 426, 427
 """The filter's answer is unfit; there is no projection; index or printed row are not finite; no verified stop."""
 
 FROZEN, LAGS, MOVING = 431, 432, 434
-"""Of the joint state."""
+"""What is wrong with the joint state: it is the same again, of some ticks ago, in motion though unknown so far."""
 
 CLOCK_UNREADABLE, CLOCK_NOT_FINITE, CLOCK_BACK, CLOCK_STILL = 435, 436, 437, 438
-"""Of the clock."""
+"""What is wrong with the clock: it cannot be read, is not finite, went back, stands still."""
 
 OTHER_TICK = 400
 """The people are of another tick."""

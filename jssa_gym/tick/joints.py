@@ -6,19 +6,20 @@ from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.joints import AGREES, LAGS, MISSING, deviates, judge_joints
 from jssa_gym.kernels.joints import FROZEN as READS_FROZEN
 from jssa_gym.kernels.motion import integrate, violates
+from jssa_gym.kernels.rest import at_rest
 from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk, stop_length
 from jssa_gym.kernels.vector import copy_rows, fill
 from jssa_gym.tick import codes
 
 AGREEMENTS = 5
-"""After a reading that was wrong, so many in a row have to be right before they are believed again: twice as many
-each time that happens anew."""
+"""Readings in a row that have to be right after one that was wrong before they are believed again: twice as many each
+time that happens anew ..."""
 
 DOUBLINGS = 7
-"""... up to five seconds."""
+"""... but no more often than this: after five seconds."""
 
 FORGIVEN = 125
-"""After so many readings in a row that were believed, what was wrong before does not count any more."""
+"""Readings in a row that were believed, from which on what was wrong before does not count any more."""
 
 PERSISTENT = 10
 """Readings in a row that were wrong, from which on something is wrong for good."""
@@ -26,21 +27,8 @@ PERSISTENT = 10
 RELAPSES = 5
 """Times that readings were believed again and were wrong again, likewise."""
 
-AT_REST = 1e-6
-"""Speed [rad/s] and acceleration [rad/s²] of joints below which they rest: what rounding leaves."""
-
 ROUNDING = 1e-9
 """Share of the joint limits by which an arm at rest may be beyond them."""
-
-
-@jit
-def at_rest(state):
-    """Whether a joint state (3, n) rests, up to rounding."""
-    for row in range(1, 3):
-        for j in range(state.shape[1]):
-            if not abs(state[row, j]) < AT_REST:
-                return False
-    return True
 
 
 @jit

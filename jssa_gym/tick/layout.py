@@ -34,7 +34,7 @@ class ArmRecord(NamedTuple):
     self_pairs: NDArray
     """Robot capsules that could collide, shape (s, 2)."""
     levers: Floats
-    """From :func:`jssa_gym.safety.failsafe.levers`, shape (m, n) [m]."""
+    """How far a capsule's axis can be from each joint's (:func:`jssa_gym.safety.failsafe.levers`), shape (m, n) [m]."""
     limits: Floats
     """Rows lower and upper position, velocity, acceleration and jerk limits, shape (5, n)."""
 
@@ -71,9 +71,9 @@ class StepSettings(NamedTuple):
     tolerance: Floats
     """How far a reading of the joints may be from where the applied jerks must have led, shape (3, n)."""
     position_error: float
-    """Of a measured capsule end [m]."""
+    """Bound on the error of a measured capsule end [m]."""
     max_age: float
-    """Of a measurement that is relied on [s]."""
+    """Largest age of a measurement that is relied on [s]."""
     lag: float
     """Time from a command to the arm's motion [s]."""
     astray: float
@@ -184,7 +184,7 @@ class SceneRecord(NamedTuple):
     static_radius: Floats
     """Shape (c,) [m]."""
     normal: Floats
-    """Of half-spaces, shape (p, 3)."""
+    """Outward normals of half-spaces, shape (p, 3)."""
     offset: Floats
     """Shape (p,) [m]."""
 
@@ -207,7 +207,7 @@ ANSWER = np.dtype(
         ("unverified", np.bool_),  # no verified stop is stored
         ("persistent", np.bool_),  # joint readings are wrong for so long or so often that it is no accident
         ("fresh", np.bool_),  # all people were measured at this very moment
-        ("sample", np.int64),  # what became of the sample of the capsule that is worst off, see jssa_gym.kernels.trust
+        ("sample", np.int64),  # what became of the sample of the capsule that is worst off, see jssa_gym.kernels.people
         ("inside", np.bool_),  # the nominal lay in the box
         ("attempt", np.int64),  # times that rows were linearised anew; of printed rows, how many there are
         ("recovering", np.bool_),  # a row asks for less than 0 at once
@@ -225,7 +225,7 @@ class Answer(NamedTuple):
     told: NDArray
     """Shape (1,) of ``ANSWER``."""
     jerk: Floats
-    """To be applied, shape (n,) [rad/s³]."""
+    """The jerk to be applied, shape (n,) [rad/s³]."""
 
 
 class Work(NamedTuple):
@@ -249,11 +249,11 @@ class Work(NamedTuple):
     age: Floats
     """How old they are, shape (k,) [s]."""
     agents: NDArray
-    """For rows: people, then static capsules, shape (k + c,) of ``AGENT``."""
+    """What rows see: people, then static capsules, shape (k + c,) of ``AGENT``."""
     planes: NDArray
-    """For rows, shape (p,) of ``PLANE``."""
+    """Half-spaces that rows see, shape (p,) of ``PLANE``."""
     grown: NDArray
-    """For the stop: people as they were measured, shape (k,) of ``AGENT``."""
+    """What the stop sees: people as they were measured, shape (k,) of ``AGENT``."""
     reach: Floats
     """How far they can have come since, shape (k,) [m]."""
     frames: NDArray
@@ -277,7 +277,7 @@ class Work(NamedTuple):
     multipliers: Floats
     active: NDArray[np.int64]
     relief: Floats
-    """Of :func:`~jssa_gym.kernels.projection.scratch`."""
+    """Scratch of the projection, see :func:`~jssa_gym.kernels.projection.scratch`."""
     next: NDArray
     """The stop after a jerk that is looked at, shape (n,) of ``STOP``."""
     posture: Floats

@@ -51,7 +51,7 @@ class Seen(NamedTuple):
     """What is measured, and the scratch for it."""
 
     near: Floats
-    """Of the closest pair, shape (13,); see :func:`~jssa_gym.kernels.contact.observe`."""
+    """The closest pair, shape (13,); see :func:`~jssa_gym.kernels.contact.observe`."""
     parts: Floats
     """Smallest distance to each of a person's capsules [m]."""
     tip: Floats

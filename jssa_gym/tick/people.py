@@ -3,7 +3,7 @@
 import numpy as np
 
 from jssa_gym.kernels.jit import jit, part
-from jssa_gym.kernels.trust import COVERED, trust
+from jssa_gym.kernels.people import COVERED, judge_people
 from jssa_gym.tick import codes
 from jssa_gym.tick.joints import timely
 
@@ -81,7 +81,7 @@ def _update(settings, memory, scene, time, work, answer, e):
             memory.tracks[e, k]["person"] = scene.person[e, k]
         arm["met"] = True
     arm["people_time"] = time
-    worst, verdict, cover, fresh = trust(
+    worst, verdict, cover, fresh = judge_people(
         time,
         scene.ends[e],
         scene.radius[e],

@@ -33,7 +33,7 @@ class TrainConfig:
     """
 
     task: str = "reach"
-    """Of :data:`~jssa_gym.envs.tasks.TASKS`."""
+    """A name in :data:`~jssa_gym.envs.tasks.TASKS`."""
     settings: Settings = field(default_factory=PPO)
     """Algorithm and hyper-parameters."""
     human: str | None = None
@@ -111,13 +111,13 @@ class TrainConfig:
         return self.learn_from in ("penalty", "both")
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON can hold it."""
+        """The training as JSON can hold it."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return {**values, "settings": self.settings.as_dict()}
 
     @classmethod
     def of(cls, data: dict[str, Any]) -> "TrainConfig":
-        """From :meth:`as_dict`.
+        """The training that :meth:`as_dict` has written.
 
         Raises:
             ParameterError: It is not one.

@@ -98,12 +98,12 @@ class EpisodeCounter:
 
 
 def as_rows(history: tuple[Leg, ...]) -> list[dict[str, Any]]:
-    """As JSON can hold it: None for what is not there."""
+    """A history as JSON can hold it: None for what is not there."""
     return [{f.name: None if (x := getattr(leg, f.name)) != x else x for f in fields(leg)} for leg in history]
 
 
 def from_rows(rows: list[dict[str, Any]]) -> tuple[Leg, ...]:
-    """From :func:`as_rows`.
+    """The history that :func:`as_rows` has written.
 
     Raises:
         CheckpointError: They are no such rows.

@@ -256,7 +256,7 @@ def _blocked(reason: str) -> str:
 
 
 def _seed(seed: int, leg: int) -> int:
-    """Of a leg: nothing in common with its neighbours, below what evaluations use."""
+    """The seed of a leg: nothing in common with its neighbours, below what evaluations use."""
     return int(np.random.SeedSequence([seed, leg]).generate_state(1)[0] % 1_000_000_000)
 
 

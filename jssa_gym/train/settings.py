@@ -41,7 +41,7 @@ class Settings:
             object.__setattr__(self, field.name, checked)
 
     def changed(self, changes: dict[str, str]) -> "Settings":
-        """With some fields given as text, as on a command line.
+        """The settings with some fields given as text, as on a command line.
 
         Raises:
             ParameterError: A name is unknown or a text is no such value.
@@ -59,7 +59,7 @@ class Settings:
         return replace(self, **values)
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON can hold it."""
+        """The settings as JSON can hold them."""
         return {"algorithm": self.algorithm, **asdict(self)}
 
 

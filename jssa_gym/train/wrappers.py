@@ -18,7 +18,7 @@ EXECUTED = "executed_action"
 _CORRECTION = "shield/correction"
 
 LEAST_SHARE = 1e-3
-"""Of the limits; with less an arm stands still."""
+"""Least share of the limits; with less an arm stands still."""
 
 
 def _change(info: dict[str, Any]) -> float:

@@ -16,8 +16,7 @@ from gymnasium.utils.env_checker import check_env
 
 import jssa_gym
 from jssa_gym.envs import TASKS, ArmEnv
-from jssa_gym.envs.arm import arm_features
-from jssa_gym.envs.observation import Feature, Observation, feature_table
+from jssa_gym.envs.observation import Feature, Observation, arm_features
 from jssa_gym.envs.tasks import COMMON_TERMS, Reach
 from jssa_gym.exceptions import DisplayError, InvalidActionError, JSSAGymError, ParameterError, RobotModelError
 from jssa_gym.humans import ApproachRetreat, HumanMotion, nobody
@@ -388,20 +387,6 @@ def test_the_table_covers_the_vector_once(task, robot):
         assert np.all(env.observation_space.low[part] == np.float32(feature.low))
         assert np.all(env.observation_space.high[part] == np.float32(feature.high))
     assert np.all(covered == 1)
-
-
-@pytest.mark.parametrize("task", list(TASKS))
-def test_the_class_docstring_holds_the_tables_of_the_code(task, robot):
-    lines = {line.strip() for line in ArmEnv.__doc__.splitlines()}
-    chosen = TASKS[task]()
-    features = (*arm_features(robot, 6), *chosen.features(robot))
-    table = feature_table(features).splitlines()
-    assert len(table) == len(features)
-    for line in table:
-        assert line.strip() in lines
-    for term in (*chosen.terms, *COMMON_TERMS):
-        assert any(f"{term.weight:+.2f}" in line and term.name in line and term.text in line for line in lines)
-    assert "terminate_on" in ArmEnv.__doc__
 
 
 def test_a_feature_with_the_wrong_number_of_scales_is_refused():

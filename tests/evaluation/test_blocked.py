@@ -18,8 +18,8 @@ from jssa_gym.cli.reproduce import Reproduce
 from jssa_gym.cli.stress import Stress
 from jssa_gym.evaluation.blocked import commonest
 from jssa_gym.exceptions import BlockedError
+from jssa_gym.shields.baselines import NoFilter
 from jssa_gym.shields.jssa import JSSAFilter
-from jssa_gym.shields.plain import NoFilter
 from jssa_gym.tick.layout import FOREIGN
 
 WHY = "out of order since [today]"

@@ -6,10 +6,12 @@ import functools
 import numpy as np
 import pytest
 import reference as ref
+from numba import njit
 
 from jssa_gym.kernels import verification as ver
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import AGENT, PLANE, STOP, records
+from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams, levers
@@ -178,7 +180,7 @@ class Motion:
             return (lowest - other["offset"] - radius - margin).min()
         if kind == "people":
             # from when on it rests it may be touched
-            moving = np.flatnonzero(self.speed[::every, i] > max(touch, ver.REST))
+            moving = np.flatnonzero(self.speed[::every, i] > max(touch, REST_SPEED))
             if not len(moving):
                 return np.inf
             start, end, times = (x[: moving[-1] + 1] for x in (start, end, times))
@@ -678,6 +680,11 @@ def test_limits_hold_within_the_step_too(robot):
 # ---- choosing --------------------------------------------------------------------------------------------
 
 
+@njit
+def chosen(arm, settings, memory, wanted, jerk, work):
+    return choose(arm, settings, memory, wanted, jerk, work, 0)
+
+
 def choosing(robot, state, wanted, stored, tick, people=()):
     n, count = robot.n, len(people)
     case = Case(Motion(robot, state, wanted), people=people)
@@ -688,7 +695,7 @@ def choosing(robot, state, wanted, stored, tick, people=()):
     memory.state[0], memory.stored[0], memory.arm["step"] = state, stored, tick
     memory.growth[0], memory.touch[0] = case.speed, case.touch
     work.grown[:], work.reach[:] = case.agents, case.reach
-    which, why, *where = choose(arm, settings, memory, np.array(wanted, float), jerk, work, 0)
+    which, why, *where = chosen(arm, settings, memory, np.array(wanted, float), jerk, work)
     return which, why, tuple(where), jerk, work.after, work.next
 
 

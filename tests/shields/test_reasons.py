@@ -9,7 +9,7 @@ import pytest
 
 import jssa_gym
 from jssa_gym import FILTERS, ArmEnv, SensorModel, Shield, Status, make_filter
-from jssa_gym.kernels.trust import BROKEN, COVERED, LOST, NEVER
+from jssa_gym.kernels.people import BROKEN, COVERED, LOST, NEVER
 from jssa_gym.kernels.verification import HALF_SPACE, REACH, SELF, STATIC
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import reasons

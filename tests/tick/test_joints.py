@@ -153,7 +153,7 @@ HURTS = [
 @pytest.mark.parametrize("what", HURTS)
 def test_a_shield_without_a_monitor_is_led_astray(what, monkeypatch, caplog):
     """The power of the test above: a shield that believes every reading is not safe."""
-    monkeypatch.setattr("jssa_gym.shields.plain.StopFilter.decide", _believe)
+    monkeypatch.setattr("jssa_gym.shields.baselines.StopFilter.decide", _believe)
     for human, seed in (("pursuit", 0), ("hand", 1), ("walk_by", 2), ("pursuit", 3), ("pursuit", 4), ("hand", 5)):
         seen, _ = drive(HANGS[what], "stop", human, seed)
         if max(speed for _, _, speed, _, _ in seen) > 1e-3 or any(beyond for *_, beyond in seen):

@@ -1,4 +1,4 @@
-"""Filters that add nothing to the layers around every filter."""
+"""Baselines: filters that add nothing to the layers around every filter."""
 
 import numpy as np
 

@@ -96,7 +96,7 @@ def _judge(time, ends, j, radius, age, valid, person, error, track):
 
 
 @jit
-def trust(time, ends, radius, age, valid, person, error, max_age, tracks, out, out_radius, out_age):
+def judge_people(time, ends, radius, age, valid, person, error, max_age, tracks, out, out_radius, out_age):
     """Take in a sample of every capsule and say what can be relied on.
 
     Args:
