@@ -53,10 +53,11 @@ class Surroundings:
         swung = (low - OVER_POSITION, high + OVER_POSITION, (1.0 + OVER_VELOCITY) * limits.velocity)
         self._servo_bounds = np.array([*swung, np.full(robot.n, np.inf), limits.jerk])
         self._body = MeasuredArm(
-            robot.links,
-            robot.capsules,
+            # copies: to kernels arrays for reading alone are of another type, and those of a copy are none
+            np.array(robot.links),
+            np.array(robot.capsules),
             int(robot.tool_link),
-            robot.tool_offset,
+            np.array(robot.tool_offset),
             limits.bounds(),
             _LIMIT_TOLERANCE,
             TRUTH.kernel(),

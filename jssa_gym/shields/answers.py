@@ -4,6 +4,9 @@ import numpy as np
 
 from jssa_gym.types import Decision, Status
 
+_MOST = 2**31
+"""Numbers of capsules and rows lie below."""
+
 
 def sound(decision: Decision, shape: tuple[int, ...]) -> Decision:
     """A filter's answer, its numbers as Python's.
@@ -23,10 +26,14 @@ def sound(decision: Decision, shape: tuple[int, ...]) -> Decision:
         and type(decision.reason) is str
         and type(decision.pair) is tuple
         and len(decision.pair) == 2
-        and type(decision.pair[0]) is type(decision.pair[1]) is int
+        and type(decision.pair[0]) is type(decision.pair[1]) is type(decision.rows) is int
+        and max(decision.pair[0], decision.pair[1], decision.rows) < _MOST
+        and min(decision.pair[0], decision.pair[1], decision.rows) >= -1
     ):
         return decision
     row, column = decision.pair
+    if not all(-1 <= int(number) < _MOST for number in (row, column, decision.rows)):
+        raise ValueError(f"the answer's pair {decision.pair} or rows {decision.rows} are no numbers")
     return decision._replace(
         status=Status(decision.status),
         reason=str(decision.reason),
@@ -34,4 +41,5 @@ def sound(decision: Decision, shape: tuple[int, ...]) -> Decision:
         distance=float(decision.distance),
         pair=(int(row), int(column)),
         slack=float(decision.slack),
+        rows=int(decision.rows),
     )

@@ -16,7 +16,7 @@ from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.answers import sound
 from jssa_gym.shields.copying import refuse_shared_memory
-from jssa_gym.shields.reading import Reading, part_of
+from jssa_gym.shields.reading import Reading, part_of, words_of
 from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.rebasing import rebase
 from jssa_gym.shields.records import Records
@@ -33,6 +33,20 @@ _LONG = 125
 """Faults in a row that are said aloud: a second of them."""
 
 _STATUSES = tuple(Status)
+
+_FIXED = frozenset(
+    {"robot", "dt", "params", "viability", "failsafe", "index", "rows", "gradient", "static_rows", "recovery"}
+)
+"""Attributes that say how an arm is looked after."""
+
+_ASKED_BEFORE = {
+    "_filter": "respond(tick)",
+    "_respond": "answer(tick, pairs, index)",
+    "_amended": "amend(tick, decision, held, halt)",
+    "_foresee": "foresee(decision, jerk)",
+    "_coefficients": "coefficients()",
+}
+"""What filters implemented before, and what they do now: an old one must not go unasked in silence."""
 
 
 class SafetyFilter:
@@ -61,6 +75,20 @@ class SafetyFilter:
     params_type: ClassVar[type | None] = None
     """Frozen dataclass of the filter's own parameters; None for a filter without any."""
 
+    proposal = layout.FOREIGN
+    """Who proposes a jerk in the compiled step; ``FOREIGN``: :meth:`respond` does."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        for name in _ASKED_BEFORE.keys() & vars(cls).keys():
+            raise TypeError(f"{cls.__name__}.{name} would never be asked: a filter implements {_ASKED_BEFORE[name]}")
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse to change how a filter looks after an arm: its control step has been told when it was made."""
+        if name in _FIXED and name in self.__dict__:
+            raise AttributeError(f"{name} of a filter is fixed when it is made: make another one")
+        super().__setattr__(name, value)
+
     def __init__(
         self,
         robot: RobotModel,
@@ -83,9 +111,6 @@ class SafetyFilter:
         if failsafe is not None:
             failsafe.tolerance_of(robot)
         announce_compilation(loop.decide_all)
-
-    proposal = layout.FOREIGN
-    """Who proposes a jerk in the compiled step; ``FOREIGN``: :meth:`respond` does."""
 
     def respond(self, tick: Tick) -> Decision:
         """Propose a jerk, in the box, and say why.
@@ -144,9 +169,10 @@ class SafetyFilter:
     @cached_property
     def records(self) -> Records:
         """What the control step reads, remembers and answers; made when it is needed first."""
+        # copies: arrays for reading alone are of another type to kernels, and those of a filter's copy are none
         robot = self.robot
-        limits = robot.limits.bounds()
-        arm = layout.ArmRecord(robot.links, robot.capsules, robot.self_pairs, levers(robot), limits)
+        parts = (np.array(part) for part in (robot.links, robot.capsules, robot.self_pairs))
+        arm = layout.ArmRecord(*parts, levers(robot), robot.limits.bounds())
         return Records(arm, self.settings())
 
     @cached_property
@@ -241,7 +267,7 @@ class SafetyFilter:
         Raises:
             InvalidActionError: ``nominal`` has another shape or is not made of real numbers.
         """
-        nominal = checked_action(nominal, self.robot.n)
+        nominal, decided = checked_action(nominal, self.robot.n), False
         try:
             self._reading.read(scene)
             view, decision = self.records.view, None
@@ -250,9 +276,11 @@ class SafetyFilter:
                 decision = self._ask(scene, nominal)
             else:
                 loop.decide_all(view.arms, view.nominal)
+            decided = True
             return self._answer(nominal, decision)
-        except Exception as error:  # kernels, not the scene: that has been looked at where it is read
-            return self._emergency(scene, nominal, f"the control step failed: {type(error).__name__}: {error}")
+        except Exception as error:  # reading raises for no scene: this came from the step itself
+            reason = f"the control step failed: {type(error).__name__}: {words_of(error)}"
+            return self._emergency(scene, nominal, reason, decided)
 
     @property
     def compiled(self) -> bool:
@@ -267,7 +295,8 @@ class SafetyFilter:
         numbers, jerk = view.told.item(), view.jerk.copy()
         status, phi, distance, row, column, slack, rows = numbers[:7]
         if status == 0 and proposed is None:  # NOMINAL, the usual case: there is nothing to say
-            self._faults = 0
+            if self._faults:
+                self._faults = 0
             return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows)
         told, pair = Told(*numbers), (row, column)
         if proposed is not None and told.chosen <= 0 and told.code in (0, codes.FOREIGN):
@@ -312,8 +341,8 @@ class SafetyFilter:
             self._logged = reason
             _logger.exception("%s; the arm brakes", reason)
 
-    def _emergency(self, scene: Scene | None, nominal: Array, reason: str) -> Decision:
-        """Brake though the control step itself failed."""
+    def _emergency(self, scene: Scene | None, nominal: Array, reason: str, decided: bool) -> Decision:
+        """Brake though the control step itself failed; once it has ``decided``, that is what the arm does."""
         self._log(reason)
         jerk = np.zeros(self.robot.n)  # the last resort is to add nothing
         try:
@@ -323,7 +352,8 @@ class SafetyFilter:
                 view.state[:] = view.joints
             elif not guarded:  # where the last jerk must have led
                 integrate(view.state, self.records.memory.applied[0], self.dt, view.state)
-            loop.stop(view.arms, codes.FAILED)
+            if not decided:
+                loop.stop(view.arms, codes.FAILED)
             jerk = view.jerk.copy()
             if view.told[0]["unverified"]:
                 reason = f"{reason}; no verified stop"
@@ -376,7 +406,7 @@ class SafetyFilter:
         try:
             return sound(self.respond(tick), tick.nominal.shape)
         except Exception as error:  # whatever a filter runs into, the arm must go on safely
-            reason = f"the filter failed: {type(error).__name__}: {error}"
+            reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
             self._log(reason)
             return self.failed(tick, reason)
 

@@ -5,6 +5,7 @@ makes a :class:`Reading` raise.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,15 @@ def part_of(scene: Any, name: str) -> tuple[Any, str]:
     try:
         return getattr(scene, name), ""
     except Exception as error:
-        return None, str(error)
+        return None, words_of(error)
+
+
+def words_of(error: Exception) -> str:
+    """What an error says, whatever comes of asking it."""
+    try:
+        return str(error) or type(error).__name__
+    except Exception:
+        return type(error).__name__
 
 
 class Reading:
@@ -68,16 +77,25 @@ class Reading:
         self._spoiled = True
 
     def read(self, scene: Scene | None) -> None:
-        """Take down a scene; never raises."""
+        """Take down a scene; never raises: a tick that is not looked at would not be counted."""
+        try:
+            self._read(scene)
+        except Exception as error:  # whatever a scene throws that nobody has thought of
+            self._lose(words_of(error))
+
+    def _lose(self, why: str) -> None:
+        """Nothing of a scene can be read."""
+        view = self._records.view
+        for part in ("joints", "people", "fixtures", "timed", "seen"):
+            self._spoil(view, part, why)
+
+    def _read(self, scene: Scene | None) -> None:
         view = self._records.view
         if self._spoiled:
             self._spoiled, self.wrong = False, dict.fromkeys(self.wrong, "")
             view.now[0] = (0.0, True, True, True, True, True)
         if scene is None:
-            for name in ("joints", "people", "fixtures"):
-                self._spoil(view, name, "there is no scene")
-            self._spoil(view, "timed", "")
-            view.now["seen"] = False
+            self._lose("there is no scene")
             return
         try:
             robot, time, lost = scene.robot, scene.time, ""
@@ -86,7 +104,7 @@ class Reading:
         try:
             view.now["time"] = time = float(time)
         except Exception as error:  # whatever a clock delivers
-            self.wrong["clock"] = str(error)
+            self.wrong["clock"] = words_of(error)
             self._spoil(view, "timed", "")
         if lost := lost or self.read_joints(robot):
             self._spoil(view, "joints", lost)
@@ -95,7 +113,7 @@ class Reading:
             try:
                 self._read_fixtures(scene.static, scene.planes)
             except Exception as error:  # whatever static agents a scene has, the arm must go on safely
-                self._spoil(self._records.view, "fixtures", str(error))
+                self._spoil(self._records.view, "fixtures", words_of(error))
 
     def _spoil(self, view: View, part: str, why: str) -> None:
         """Say that a part could not be read."""
@@ -117,7 +135,7 @@ class Reading:
                     raise ValueError(f"it has shape {values.shape}, expected {shape}")
                 row[:] = values
         except Exception as error:  # whatever a driver delivers, the arm must go on safely
-            return str(error) or type(error).__name__
+            return words_of(error)
         return ""
 
     def _check_joints(self, values: Any) -> None:
@@ -143,21 +161,24 @@ class Reading:
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
             view = self._records.view
             view.now["seen"] = False
-            self._spoil(view, "people", str(error))
+            self._spoil(view, "people", words_of(error))
             return
         try:
             if self._trusting:
                 self._read_anybody(human, valid)
             else:
                 self._read_people(human, age, valid)
+                self._met = True
         except Exception as error:
-            why = str(error) if self._trusting else _unlike(human, age, valid) or str(error)
+            why = words_of(error)
+            if not self._trusting:
+                with suppress(Exception):
+                    why = _unlike(human, age, valid) or why
             self._spoil(self._records.view, "people", why)
 
     def _meet(self, names: tuple[str, ...]) -> None:
         """Make room for people who are seen for the first time."""
-        self._met = bool(self._records.memory.arm[0]["met"])
-        if self._met or names == self.names:
+        if names == self.names:
             return
         speed, growth, touch = self._assumed(names)
         self._records.make_room(people=len(names))

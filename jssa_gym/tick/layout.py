@@ -303,15 +303,18 @@ def memory(arms: int, n: int, people: int, statics: int, planes: int) -> Memory:
     tracks = records((arms, people), TRACK)
     tracks["trusted"] = tracks["seen"] = tracks["radius"] = np.nan
     tracks["stamp"] = tracks["first"] = -np.inf
+    arm = records(arms, MEMORY)
+    arm["time"], arm["due"] = np.nan, -np.inf
+    arm["people_time"], arm["seen"] = -np.inf, np.nan
     return Memory(
-        arm=records(arms, MEMORY),
+        arm=arm,
         state=np.zeros((arms, 3, n)),
         applied=np.zeros((arms, n)),
         expected=np.zeros((arms, 3, n)),
-        last=np.zeros((arms, 3, n)),
-        anchor=np.zeros((arms, 3, n)),
-        past=np.zeros((arms, REMEMBERED, 3, n)),
-        offsets=np.zeros((arms, REMEMBERED)),
+        last=np.full((arms, 3, n), np.nan),
+        anchor=np.full((arms, 3, n), np.nan),
+        past=np.full((arms, REMEMBERED, 3, n), np.nan),
+        offsets=np.full((arms, REMEMBERED), -np.inf),
         stored=records((arms, n), STOP),
         tracks=tracks,
         growth=np.zeros((arms, people)),
