@@ -23,16 +23,16 @@ def announce_compilation(kernel: Any) -> None:
         return
     _announced.append(kernel)
     if not CACHE_IS_WRITABLE:
-        _logger.warning("Compiling kernels; no cache directory is writable, so every start will (about half a minute).")
+        _logger.warning("Compiling kernels; no cache directory is writable, so every start will (up to a minute).")
     elif CACHE_IS_TEMPORARY:
         _logger.warning(
-            "Compiling kernels, about half a minute; cached in %s, which may be deleted, as there is no home directory "
+            "Compiling kernels, up to a minute; cached in %s, which may be deleted, as there is no home directory "
             "to write to. NUMBA_CACHE_DIR says where else.",
             CACHE_DIRECTORY,
         )
     else:
         _logger.warning(
-            "Compiling kernels once for this version when they are first needed, about half a minute; cached in %s.",
+            "Compiling kernels once for this version when they are first needed, up to a minute; cached in %s.",
             CACHE_DIRECTORY,
         )
 

@@ -34,11 +34,6 @@ _LONG = 125
 
 _STATUSES = tuple(Status)
 
-_FIXED = frozenset(
-    {"robot", "dt", "params", "viability", "failsafe", "index", "rows", "gradient", "static_rows", "recovery"}
-)
-"""Attributes that say how an arm is looked after."""
-
 _ASKED_BEFORE = {
     "_filter": "respond(tick)",
     "_respond": "answer(tick, pairs, index)",
@@ -75,6 +70,9 @@ class SafetyFilter:
     params_type: ClassVar[type | None] = None
     """Frozen dataclass of the filter's own parameters; None for a filter without any."""
 
+    fixed: ClassVar[frozenset[str]] = frozenset({"robot", "dt", "params", "viability", "failsafe"})
+    """Attributes that say how an arm is looked after."""
+
     proposal = layout.FOREIGN
     """Who proposes a jerk in the compiled step; ``FOREIGN``: :meth:`respond` does."""
 
@@ -85,7 +83,7 @@ class SafetyFilter:
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse to change how a filter looks after an arm: its control step has been told when it was made."""
-        if name in _FIXED and name in self.__dict__:
+        if name in self.fixed and name in self.__dict__:
             raise AttributeError(f"{name} of a filter is fixed when it is made: make another one")
         super().__setattr__(name, value)
 

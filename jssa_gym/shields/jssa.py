@@ -47,6 +47,7 @@ class JSSAFilter(SafetyFilter):
     """
 
     params_type = IndexParams
+    fixed = SafetyFilter.fixed | {"index", "rows", "gradient", "static_rows", "recovery"}
 
     def __init__(
         self,
