@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 from places import TESTS
 
 SCRIPT = TESTS / "kernel_values.py"
@@ -17,6 +18,7 @@ def values(disable_jit: str) -> dict[str, list[float]]:
     return json.loads(run.stdout)
 
 
+@pytest.mark.long
 def test_compiled_and_interpreted_kernels_agree() -> None:
     compiled, interpreted = values("0"), values("1")
     assert compiled.keys() == interpreted.keys()

@@ -125,7 +125,9 @@ def same(one, other, what):
         np.testing.assert_array_equal(one, other, err_msg=what)
 
 
-@pytest.mark.parametrize("layers", LAYERS)
+@pytest.mark.parametrize(
+    "layers", [layers if layers == "guarded" else pytest.param(layers, marks=pytest.mark.long) for layers in LAYERS]
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_many_arms_decide_as_each_of_them_would_alone(robot, make_scene, kind, layers):
     episodes = [Episode(robot, make_scene, e) for e in range(ARMS)]
