@@ -84,7 +84,7 @@ def _filter(name, old, new, tests=FAULTS):
 PERSON = """                radii = part["radius"] + agent["radius"]
 """
 STATIC = """                radii = part["radius"] + static["radius"]"""
-FAILED = """            reason = f"the filter failed: {type(error).__name__}: {error}"
+FAILED = """            reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
             self._log(reason)
             return self.failed(tick, reason)"""
 ROW = """        row[j] = -slope"""
