@@ -344,14 +344,9 @@ class SafetyFilter:
         self._log(reason)
         jerk = np.zeros(self.robot.n)  # the last resort is to add nothing
         try:
-            view, guarded = self.records.view, self.records.settings.guarded
-            lost = guarded or self._reading.read_joints(part_of(scene, "robot")[0])
-            if not lost and np.isfinite(view.joints).all():
-                view.state[:] = view.joints
-            elif not guarded:  # where the last jerk must have led
-                integrate(view.state, self.records.memory.applied[0], self.dt, view.state)
+            view = self.records.view
             if not decided:
-                loop.stop(view.arms, codes.FAILED)
+                self._brake(scene)
             jerk = view.jerk.copy()
             if view.told[0]["unverified"]:
                 reason = f"{reason}; no verified stop"
@@ -359,6 +354,17 @@ class SafetyFilter:
             _logger.exception("the arm cannot even brake")
         self._count_fault(reason, False)
         return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
+
+    def _brake(self, scene: Scene | None) -> None:
+        """Go on with the stored stop or, without one, brake from where the arm is read or must have gone."""
+        view = self.records.view
+        if not self.records.settings.guarded:
+            lost = self._reading.read_joints(part_of(scene, "robot")[0])
+            if not lost and np.isfinite(view.joints).all():
+                view.state[:] = view.joints
+            else:  # where the last jerk must have led
+                integrate(view.state, self.records.memory.applied[0], self.dt, view.state)
+        loop.stop(view.arms, codes.FAILED)
 
     # ---- filters that are not compiled ---------------------------------------------------------------
 

@@ -168,3 +168,12 @@ def test_what_fails_after_the_decision_takes_no_second_tick_of_the_stop(robot, m
     np.testing.assert_array_equal(decision.jerk, nominal)
     assert filter.records.memory.arm[0]["step"] == 0
     np.testing.assert_allclose(filter.expected[2], DT * nominal, rtol=1e-12)
+
+
+def test_what_fails_after_the_decision_reckons_the_arm_on_by_one_tick_only(robot, make_scene, monkeypatch, caplog):
+    filter, state = NoFilter(robot, DT), at_rest(robot)
+    state[1] = 0.1
+    filter.reset(make_scene(state))
+    monkeypatch.setattr(filter, "_answer", lambda *_: 1 / 0)
+    assert filter.decide(make_scene(state)._replace(robot=None), np.zeros(robot.n)).status == Status.FAULT
+    np.testing.assert_allclose(filter.records.memory.state[0, 0], robot.home + DT * 0.1, rtol=0.0, atol=1e-12)
