@@ -15,7 +15,9 @@ from jssa_gym.humans import HUMANS, Hand, HumanMotion, Pursuit, make_human
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
+from jssa_gym.shields.offers import Offered
 from jssa_gym.tick import loop
+from jssa_gym.tick.admit import GRADED, HALFWAY, WANTED
 from jssa_gym.tick.layout import StepSettings
 from jssa_gym.types import Array, CapsuleSet, Decision, Scene
 from jssa_gym.validation import known_name
@@ -96,9 +98,9 @@ class _SlowPeople(JSSAFilter):
 class _OffByOne(JSSAFilter):
     """Begins a stored stop one tick late: its first jerk is applied twice."""
 
-    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
-        decision = super().decide(scene, nominal)
-        if self.records.answer.told[0]["chosen"] in (0, 1):
+    def decide(self, scene: Scene | None, nominal: Array, path: Offered | None = None) -> Decision:
+        decision = super().decide(scene, nominal, path)
+        if self.records.answer.told[0]["chosen"] in (WANTED, HALFWAY, GRADED):
             self.records.memory.arm[0]["step"] = -1
         return decision
 
@@ -106,13 +108,13 @@ class _OffByOne(JSSAFilter):
 class _Credulous(JSSAFilter):
     """Believes every joint state that is finite, and plans from it."""
 
-    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
+    def decide(self, scene: Scene | None, nominal: Array, path: Offered | None = None) -> Decision:
         if scene is not None:
             state = np.array(scene.robot, np.float64)
             if np.isfinite(state).all() and not np.array_equal(state, self.expected):
                 self.expected[:] = state
                 loop.rebase(self.records.view.arms)
-        return super().decide(scene, nominal)
+        return super().decide(scene, nominal, path)
 
 
 class _Boundless(JSSAFilter):

@@ -16,12 +16,13 @@ from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.answers import sound
 from jssa_gym.shields.copying import refuse_shared_memory
+from jssa_gym.shields.offers import Offered, alternatives_of, tell
 from jssa_gym.shields.reading import Reading, part_of, words_of
 from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.rebasing import rebase
 from jssa_gym.shields.records import Records
 from jssa_gym.shields.tick import Tick
-from jssa_gym.shields.words import Told, in_words
+from jssa_gym.shields.words import Told, in_words, kind_of
 from jssa_gym.tick import codes, layout, loop
 from jssa_gym.tick.decide import ANSWERED, ASK
 from jssa_gym.types import Array, Decision, Scene, Status
@@ -42,6 +43,13 @@ _ASKED_BEFORE = {
     "_coefficients": "coefficients()",
 }
 """What filters implemented before, and what they do now: an old one must not go unasked in silence."""
+
+
+def _softened(limits: Array, hardness: Sequence[float]) -> Array:
+    """The limits (5, n) with shares of the acceleration and jerk limits, shape (c, 5, n)."""
+    soft = np.repeat(limits[None], len(hardness), axis=0)
+    soft[:, 3:] *= np.array(hardness)[:, None, None]
+    return soft
 
 
 class SafetyFilter:
@@ -151,6 +159,8 @@ class SafetyFilter:
             weight=np.ones(n),
             inverse=np.eye(n),
             stop_limits=limits,
+            hardness=np.array(assumed.hardness),
+            soft_limits=_softened(limits, assumed.hardness),
             tolerance=assumed.tolerance_of(self.robot),
             position_error=assumed.position_error,
             max_age=assumed.max_age,
@@ -234,6 +244,7 @@ class SafetyFilter:
         reading.forget()
         reading.read(scene)
         loop.start(self.records.view.arms)
+        self.records.answer.told["margin"] = np.inf
         reading.forget()
 
     def rebase(self, scene: Scene) -> None:
@@ -249,7 +260,7 @@ class SafetyFilter:
         if self.failsafe is not None:
             rebase(self.records, self._reading, scene)
 
-    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
+    def decide(self, scene: Scene | None, nominal: Array, path: Offered | None = None) -> Decision:
         """The jerk to apply in this step.
 
         Never raises for bad numbers: a non-finite nominal or measurement, a missing one, a joint state that is not
@@ -261,6 +272,9 @@ class SafetyFilter:
         Args:
             scene: The present.
             nominal: The policy's jerk, shape (n,) [rad/s³].
+            path: Offers other jerks, in order of preference, that are applied rather than the nominal: the first that
+                lies in the box, that the filter would leave alone, and with a verified stop behind it. Whatever fails
+                about a path, the nominal is filtered as without one.
 
         Raises:
             InvalidActionError: ``nominal`` has another shape or is not made of real numbers.
@@ -269,16 +283,20 @@ class SafetyFilter:
         try:
             self._reading.read(scene)
             view, decision = self.records.view, None
-            view.nominal[0] = nominal
+            view.nominal[0], view.now[0]["alternatives"] = nominal, 0
+            if path is not None:
+                self._consider(path)
             if self._asks:
                 decision = self._ask(scene, nominal)
             else:
                 loop.decide_all(view.arms, view.nominal)
             decided = True
-            return self._answer(nominal, decision)
+            answer = self._answer(nominal, decision)
+            return answer if path is None else self._chosen(path, answer)
         except Exception as error:  # reading raises for no scene: this came from the step itself
             reason = f"the control step failed: {type(error).__name__}: {words_of(error)}"
-            return self._emergency(scene, nominal, reason, decided)
+            emergency = self._emergency(scene, nominal, reason, decided)
+            return emergency if path is None else self._chosen(path, emergency)
 
     @property
     def compiled(self) -> bool:
@@ -295,7 +313,8 @@ class SafetyFilter:
         if status == 0 and proposed is None:  # NOMINAL, the usual case: there is nothing to say
             if self._faults:
                 self._faults = 0
-            return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows)
+            margin = numbers[-1]
+            return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows, margin)
         told, pair = Told(*numbers), (row, column)
         if proposed is not None and told.chosen <= 0 and told.code in (0, codes.FOREIGN):
             reason = proposed.reason + ("; no verified stop" if told.unverified else "")
@@ -307,7 +326,25 @@ class SafetyFilter:
             self._count_fault(reason, told.persistent)
         else:
             self._faults = 0
-        return Decision(jerk, nominal, _STATUSES[status], reason, phi, distance, pair, slack, rows)
+        return Decision(
+            jerk, nominal, _STATUSES[status], reason, phi, distance, pair, slack, rows, told.margin, kind_of(told)
+        )  # fmt: skip
+
+    def _consider(self, path: Offered) -> None:
+        """Take down what a path offers."""
+        view = self.records.view
+        guarded = self.records.settings.guarded
+        state = self.expected if guarded else view.joints
+        margin = float(view.told[0]["margin"]) if guarded else np.inf
+        view.now[0]["alternatives"] = alternatives_of(path, state.copy(), margin, self.records.scene.alternatives[0])
+
+    def _chosen(self, path: Offered, decision: Decision) -> Decision:
+        """Tell a path what became of what it offered."""
+        choice = int(self.records.view.told[0]["choice"]) if decision.status != Status.FAULT else -1
+        override = tell(path, choice)
+        if choice < 0:
+            return decision._replace(override=override)
+        return decision._replace(nominal=decision.jerk.copy(), choice=choice, kind="alternative", override=override)
 
     def _say(self, told: Told, nominal: Array) -> str:
         """The reason in words; it is decided already, whatever names turn out to be."""
@@ -353,7 +390,7 @@ class SafetyFilter:
         except Exception:
             _logger.exception("the arm cannot even brake")
         self._count_fault(reason, False)
-        return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
+        return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0, kind="fault")
 
     def _brake(self, scene: Scene | None) -> None:
         """Go on with the stored stop or, without one, brake from where the arm is read or must have gone."""

@@ -14,7 +14,16 @@ from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.kernels.vector import copy, copy_rows, fill, fill_rows
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.tick import codes
-from jssa_gym.tick.admit import WANTED, confirm, confirm_held, store_stop, take_fixtures, unfit_answer
+from jssa_gym.tick.admit import (
+    WANTED,
+    confirm,
+    confirm_held,
+    grow_people,
+    room_behind,
+    store_stop,
+    take_fixtures,
+    unfit_answer,
+)
 from jssa_gym.tick.joints import begin, check_joints, forget, go_on, measured, persistent, replan
 from jssa_gym.tick.people import check_people, forget_people, people_now
 from jssa_gym.tick.propose import clip_to_box, foresee, propose, propose_held
@@ -73,6 +82,9 @@ def prepare(robot, settings, memory, scene, nominal, work, answer, e):
     else:
         _jerk_bounds(robot, work)
     answer.told[e]["inside"] = clip_to_box(nominal, work)
+    if settings.guarded:
+        grow_people(settings, memory, work, e)
+        answer.told[e]["margin"] = room_behind(robot, settings, memory, work.clipped, work, e)
     if room:
         return ASK
     copy(work.clipped, work.wanted)
@@ -122,7 +134,7 @@ def settle_held(robot, settings, memory, work, answer, e):
 def stop(robot, settings, memory, work, answer, fault, e):
     """Go on with the stored stop or, without one, brake: something failed, which the code ``fault`` names."""
     told, jerk = answer.told[e], answer.jerk[e]
-    told["status"], told["code"], told["chosen"] = codes.FAULT, fault, -1
+    told["status"], told["code"], told["chosen"], told["margin"] = codes.FAULT, fault, -1, np.nan
     told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
     told["row"], told["column"], told["rows"] = -1, -1, 0
     if settings.guarded:
@@ -152,6 +164,7 @@ def _clear(told):
     told["unverified"], told["persistent"], told["inside"], told["fresh"] = False, False, False, False
     told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
     told["row"], told["column"], told["rows"] = -1, -1, 0
+    told["margin"], told["choice"] = np.nan, -1
 
 
 @part

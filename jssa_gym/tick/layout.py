@@ -20,6 +20,9 @@ Floats = NDArray[np.float64]
 REMEMBERED = 32
 """Ticks by which a joint reading may lag and still be told so."""
 
+ALTERNATIVES = 8
+"""Jerks that may be offered beside the nominal."""
+
 NONE, JSSA, PRINTED, FOREIGN = range(4)
 """Who proposes a jerk: nobody, JSSA by exact rows or by those of the paper, or a filter that is not compiled."""
 
@@ -68,6 +71,10 @@ class StepSettings(NamedTuple):
     """V's inverse, shape (n, n)."""
     stop_limits: Floats
     """The limits that stops keep, shape (5, n): the arm's."""
+    hardness: Floats
+    """Shares of acceleration and jerk limit that stops are planned with, softest first, the last 1; shape (c,)."""
+    soft_limits: Floats
+    """The limits that stops are planned with, shape (c, 5, n)."""
     tolerance: Floats
     """How far a reading of the joints may be from where the applied jerks must have led, shape (3, n)."""
     position_error: float
@@ -156,6 +163,7 @@ SCENE = np.dtype(
         ("people", np.bool_),  # whether the people could
         ("seen", np.bool_),  # whether there was a scene to read them from
         ("fixtures", np.bool_),  # whether static capsules and half-spaces could
+        ("alternatives", np.int64),  # how many jerks are offered beside the nominal
     ],
     align=True,
 )
@@ -187,6 +195,8 @@ class SceneRecord(NamedTuple):
     """Outward normals of half-spaces, shape (p, 3)."""
     offset: Floats
     """Shape (p,) [m]."""
+    alternatives: Floats
+    """Jerks that a planner would rather see applied, in order of preference, shape (8, n) [rad/s³]."""
 
 
 ANSWER = np.dtype(
@@ -212,7 +222,9 @@ ANSWER = np.dtype(
         ("attempt", np.int64),  # times that rows were linearised anew; of printed rows, how many there are
         ("recovering", np.bool_),  # a row asks for less than 0 at once
         ("kept", np.bool_),  # all rows are kept
-        ("chosen", np.int64),  # 0 what was proposed, 1 half way to the stored stop, 2 the stored stop; -1 on a fault
+        ("chosen", np.int64),  # what is applied, see jssa_gym.tick.admit; -1 on a fault
+        ("choice", np.int64),  # which alternative is applied, -1 for none
+        ("margin", np.float64),  # room that the stop behind the nominal leaves to people [m]
     ],
     align=True,
 )
@@ -338,6 +350,7 @@ def scene_record(arms: int, n: int, people: int, statics: int, planes: int) -> S
         static_radius=np.zeros((arms, statics)),
         normal=np.zeros((arms, planes, 3)),
         offset=np.zeros((arms, planes)),
+        alternatives=np.zeros((arms, ALTERNATIVES, n)),
     )
 
 
