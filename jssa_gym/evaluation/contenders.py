@@ -11,7 +11,17 @@ import numpy as np
 
 from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
 from jssa_gym.envs.sensor import MissedTicks, SensorModel
-from jssa_gym.humans import HUMANS, Hand, HumanMotion, Pursuit, make_human
+from jssa_gym.humans import (
+    HUMANS,
+    ApproachRetreat,
+    Hand,
+    HumanMotion,
+    Pursuit,
+    RandomWalk,
+    Receive,
+    WalkBy,
+    make_human,
+)
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
@@ -245,19 +255,40 @@ LATENCIES = (0, 25, 50, 100, 150, 200)
 _ASSUMED = FailsafeParams()
 
 
-def _fast_hand(multiple: float) -> HumanMotion:
-    return Hand(speed=(0.5 * multiple * _ASSUMED.limb_speed, multiple * _ASSUMED.limb_speed))
+def _fast_runner(multiple: float) -> HumanMotion:
+    return Pursuit(multiple * _ASSUMED.human_speed, acceleration=None)
 
+
+def _fast_hand(multiple: float) -> HumanMotion:
+    speed = multiple * _ASSUMED.limb_speed
+    return Hand(speed=(0.5 * speed, speed), acceleration=None)
+
+
+ABRUPT: dict[str, Callable[[], HumanMotion]] = {
+    "approach_retreat abrupt": partial(ApproachRetreat, acceleration=None),
+    "random abrupt": partial(RandomWalk, acceleration=None),
+    "walk_by abrupt": partial(WalkBy, acceleration=None),
+    "pursuit abrupt": partial(Pursuit, acceleration=None),
+    "hand abrupt": partial(Hand, acceleration=None),
+    "receive abrupt": partial(Receive, acceleration=None),
+    "feint abrupt": partial(Pursuit, acceleration=None, feint=True),
+    "two abrupt": lambda: make_human((Pursuit(acceleration=None), WalkBy(acceleration=None))),
+    "two hands abrupt": lambda: make_human((Hand(acceleration=None), Pursuit(acceleration=None))),
+}
+"""People whose velocity changes at once, as that of the package's own did before it had a bound."""
 
 PEOPLE: dict[str, Callable[[], HumanMotion]] = {
     **HUMANS,
     "feint": partial(Pursuit, feint=True),
     "two": partial(make_human, ("pursuit", "walk_by")),
     "two hands": partial(make_human, ("hand", "pursuit")),
-    **{f"pursuit x{m:g}": partial(Pursuit, m * _ASSUMED.human_speed) for m in MULTIPLES},
+    **ABRUPT,
+    **{f"pursuit x{m:g}": partial(_fast_runner, m) for m in MULTIPLES},
     **{f"hand x{m:g}": partial(_fast_hand, m) for m in MULTIPLES},
 }
-"""People by name: the package's own, several at once, and some that are faster than assumed."""
+"""People by name: the package's own, several at once, and some that are faster than assumed; these are so at once,
+since what is asked of them is their speed.
+"""
 
 FAULTS: tuple[str, ...] = (*SENSOR_FAULTS, "missed ticks", *(f"unmodelled {ms} ms" for ms in LATENCIES))
 """Names of what can be wrong between people and shield."""
