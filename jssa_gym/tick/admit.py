@@ -209,6 +209,20 @@ def confirm(robot, settings, memory, work, answer, e):
     return 0
 
 
+@jit
+def admits(robot, settings, memory, jerk, work, answer, e):
+    """Whether a stop of some hardness behind ``jerk`` (n,) is verified, which then is the stored one."""
+    hardness, code, row, column, moment = softest(robot, settings, memory, jerk, 0, work, e)
+    if hardness == settings.hardness.shape[0]:
+        return False
+    told = answer.told[e]
+    told["chosen"], told["detail"] = WANTED, code
+    told["capsule"], told["other"], told["moment"] = row, column, moment
+    copy(jerk, work.jerk)
+    store_stop(memory, work, answer, e)
+    return True
+
+
 @part
 def confirm_held(robot, settings, memory, work, answer, e):
     """Look at another jerk, ``work.wanted``, with which the joints in the way go on with the stored stop."""
