@@ -42,7 +42,9 @@ class AheadParams:
         for name in ("growth", "min_authority"):
             object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
         if self.horizon > _MOST_MOMENTS * self.step:
-            raise ParameterError(f"a horizon of {self.horizon:g} s has more than {_MOST_MOMENTS} steps of {self.step:g} s")
+            raise ParameterError(
+                f"a horizon of {self.horizon:g} s has more than {_MOST_MOMENTS} steps of {self.step:g} s"
+            )
 
 
 class AheadFilter(SafetyFilter):

@@ -119,7 +119,8 @@ class SafetyFilter:
     @property
     def proposal(self) -> Any:
         """Parameters of what proposes in the compiled step: their type, in :data:`~jssa_gym.tick.propose.KINDS`, says
-        what that is. ``Foreign()``: :meth:`respond` does."""
+        what that is. ``Foreign()``: :meth:`respond` does.
+        """
         return Foreign()
 
     def respond(self, tick: Tick) -> Decision:

@@ -8,7 +8,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import NEAR, PUBLISHED, IndexParams
-from jssa_gym.shields.ahead import AheadFilter
+from jssa_gym.shields.ahead import AheadFilter, AheadParams
 from jssa_gym.shields.baselines import NoFilter, StopFilter
 from jssa_gym.shields.closed_form import PFMFilter, SMAFilter, SSMFilter
 from jssa_gym.shields.energy import CBFFilter, SSAFilter, SSSFilter
@@ -57,7 +57,26 @@ def _jssa_near(
     return JSSAFilter(robot, dt, NEAR if params is None else params, viability=viability, failsafe=failsafe)
 
 
+PROFILES: dict[str, AheadParams] = {"work": AheadParams(horizon=0.7), "yield": AheadParams(horizon=1.2)}
+"""Whole shields by what they are for: ``work`` gets most done and may be touched, at rest; ``yield`` is hardly ever
+touched. They look ahead and give way gradually, and are never without viability box and verified stop."""
+
+
+def _profile(name: str) -> Build:
+    def build(
+        robot: RobotModel, dt: float, params: Any = None, /, *, viability: bool = True, failsafe: Any = None
+    ) -> SafetyFilter:
+        """A profile's look-ahead filter, whole."""
+        assumed = replace(FailsafeParams() if failsafe is None else failsafe, graded=True)
+        return AheadFilter(
+            robot, dt, PROFILES[name] if params is None else params, viability=True, failsafe=assumed
+        )  # fmt: skip
+
+    return build
+
+
 FILTERS: dict[str, Build] = {
+    **{name: _profile(name) for name in PROFILES},
     "jssa": JSSAFilter,
     "jssa_near": _jssa_near,
     "jssa_published": _jssa_published,
@@ -72,6 +91,9 @@ FILTERS: dict[str, Build] = {
     "none": NoFilter,
 }
 """Filters by name, built for a robot and a time step."""
+
+WHOLE = frozenset({"stop", *PROFILES})
+"""Of these, those that are never without a verified stop."""
 
 
 class FilterName(NamedTuple):
