@@ -211,6 +211,9 @@ def test_who_wanders_gets_away_from_the_border():
     for start in ((0.65, -1.2), (2.0, 1.2), (0.65, 0.0), (2.0, 0.3)):
         ends, _ = walk(RandomWalk(), 0, start=np.array(start))
         assert np.hypot(*np.ptp(ends[:, 0, 0, :2], axis=0)) > 0.3
+    # all of it is border
+    ends, _ = walk(RandomWalk(region=((0.65, 2.0), (0.0, 1e-9))), 0)
+    assert np.ptp(ends[:, 0, 0, 0]) > 0.3
 
 
 def test_who_walks_by_has_walked_before_and_stops_within_the_bound():
@@ -228,16 +231,17 @@ def test_who_walks_by_has_walked_before_and_stops_within_the_bound():
     assert stopped >= 5
 
 
-def test_who_runs_at_the_arm_hits_it_at_full_speed():
+@pytest.mark.parametrize("acceleration", [5.0, 2.0])
+def test_who_runs_at_the_arm_hits_it_at_full_speed(acceleration):
     for seed in range(8):
-        motion = Pursuit()
+        motion = Pursuit(acceleration=acceleration)
         people = motion.reset(np.random.default_rng(seed))
         for _ in range(1000):
             people = motion.step(DT, arm())
             if motion._touches:
                 break
         assert motion._touches
-        assert np.linalg.norm(people.start_velocity[0]) > 1.6 - 5.0 * DT - 1e-9
+        assert np.linalg.norm(people.start_velocity[0]) > 1.6 - acceleration * DT - 1e-9
 
 
 @pytest.mark.parametrize("name", ["hand", "receive"])
