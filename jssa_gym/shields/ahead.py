@@ -32,7 +32,7 @@ class AheadParams:
     soonest: float = 0.2
     """No row asks the arm to be out of the way sooner [s]: the shorter, the harder it evades."""
     deepest: float = 0.15
-    """Pairs that will be closer than wanted by more than this make no rows [m]: inside a body its normal says nothing."""
+    """Pairs closer than wanted by more than this make no rows [m]: inside a body its normal says nothing."""
     min_authority: float = 0.5
     """Pairs that the jerk bounds move by less make no rows [m/s³]."""
 

@@ -184,11 +184,10 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         fraction = checked_action(action, self._n)
         nominal = np.empty(self._n)
         scale_nominal(fraction, self._jerk_bound, nominal)
-        offered, self._offered = self._offered, None
+        offer = () if self._offered is None else (self._offered,)
+        self._offered = None
         scene = self._scene()
-        decision = (
-            self.filter.decide(scene, nominal) if offered is None else self.filter.decide(scene, nominal, offered)
-        )
+        decision = self.filter.decide(scene, nominal, *offer)
         self.last_decision = decision
         correction = 0.0
         if decision.status != Status.NOMINAL or decision.choice >= 0:

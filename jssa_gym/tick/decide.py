@@ -99,7 +99,7 @@ def prepare(robot, settings, memory, scene, nominal, work, answer, e):
 
 @jit
 def take_alternative(arms, nominal, e):
-    """Apply the first of a planner's alternatives that is sound, left alone by the filter and followed by a verified stop.
+    """Apply the first of a planner's alternatives that the filter would leave alone and that a verified stop follows.
 
     Returns:
         Whether there is one; if not, nothing is decided and ``work.clipped`` is the nominal again.

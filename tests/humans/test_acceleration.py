@@ -44,8 +44,8 @@ BOUNDED = {
 }
 """Whose velocity could change at once."""
 
-# made with the commit before there was a bound: the sum over all ticks k of 1001, weighed by cos(k), of the ends' places,
-# weighed by (1, 2, 3); seeds 0, 1, 2
+# made with the commit before there was a bound: the sum over all ticks k of 1001, weighed by cos(k), of the ends'
+# places, weighed by (1, 2, 3); seeds 0, 1, 2
 BEFORE = {
     "approach_retreat": (81.175165578, 91.401367521, 81.652676815),
     "random": (81.673769357, 84.357177521, 69.183179764),

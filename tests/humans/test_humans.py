@@ -444,7 +444,9 @@ def test_pursuit_runs_as_it_is_told():
     np.testing.assert_allclose(speeds[1:], 1.6, rtol=1e-12)
     path = velocities(walk(Pursuit(acceleration=2.0), 0))
     assert np.hypot(*np.diff(path, axis=0).T).max() == pytest.approx(2.0 * DT, rel=1e-9)
-    feints = np.array([np.hypot(*velocities(walk(Pursuit(acceleration=None, feint=True), seed, steps=250)).T) for seed in range(10)])
+    feints = np.array(
+        [np.hypot(*velocities(walk(Pursuit(acceleration=None, feint=True), seed, steps=250)).T) for seed in range(10)]
+    )
     stops = (feints[:, 1:-1] > 0.0) & (feints[:, 2:] == 0.0)
     assert np.count_nonzero(stops) >= 5
     assert not np.array_equal(feints[0], feints[1])
