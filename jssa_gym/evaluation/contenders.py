@@ -26,7 +26,7 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.offers import Offered
-from jssa_gym.shields.registry import WHOLE
+from jssa_gym.shields.registry import PROFILES, WHOLE
 from jssa_gym.tick import loop
 from jssa_gym.tick.admit import GRADED, HALFWAY, WANTED
 from jssa_gym.tick.layout import StepSettings
@@ -232,7 +232,11 @@ is a filter that keeps the jerk bounds and brakes for a fault. Filters under the
 
 def contender_names() -> tuple[str, ...]:
     """All that :func:`contender` takes."""
-    return (*CONTENDERS, *(name + end for end in ("", STOP) for name in FILTERS if name + end not in CONTENDERS))
+    return (
+        *CONTENDERS,
+        *PROFILES,
+        *(name + end for end in ("", STOP) for name in FILTERS if name + end not in CONTENDERS),
+    )
 
 
 def contender(name: str) -> Contender:

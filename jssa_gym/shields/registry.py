@@ -76,7 +76,6 @@ def _profile(name: str) -> Build:
 
 
 FILTERS: dict[str, Build] = {
-    **{name: _profile(name) for name in PROFILES},
     "jssa": JSSAFilter,
     "jssa_near": _jssa_near,
     "jssa_published": _jssa_published,
@@ -93,7 +92,7 @@ FILTERS: dict[str, Build] = {
 """Filters by name, built for a robot and a time step."""
 
 WHOLE = frozenset({"stop", *PROFILES})
-"""Of these, those that are never without a verified stop."""
+"""What is never without a verified stop, whatever else its name says."""
 
 
 class FilterName(NamedTuple):
@@ -110,16 +109,16 @@ def read_name(name: str) -> FilterName:
 
     Args:
         name: ``"jssa"``, of :data:`FILTERS`, for the bare filter; ``"jssa+stop"``, with :data:`STOP` behind it, for the
-            same inside viability box and verified stop; :data:`TASK_SHIELD`.
+            same inside viability box and verified stop; one of :data:`PROFILES`; :data:`TASK_SHIELD`.
 
     Raises:
         ParameterError: There is no such filter; the message lists those there are.
     """
-    if name == TASK_SHIELD:
+    if name == TASK_SHIELD or name in PROFILES:
         return FilterName(name, True)
     bare = name.removesuffix(STOP) if isinstance(name, str) else ""
     if bare not in FILTERS:
-        valid = f"{', '.join(FILTERS)}, each also with '{STOP}' behind it, and {TASK_SHIELD}"
+        valid = f"{', '.join(FILTERS)}, each also with '{STOP}' behind it, {', '.join(PROFILES)} and {TASK_SHIELD}"
         raise ParameterError(f"unknown filter {name!r}; valid: {valid}")
     return FilterName(bare, bare != name)
 
@@ -151,6 +150,8 @@ def make_filter(
     bare, stop = read_name(name)
     if bare == TASK_SHIELD:
         raise ParameterError(f"{name!r} depends on the environment's task: Shield(env, {name!r})")
+    if bare in PROFILES:
+        return _profile(bare)(robot, dt, params, failsafe=failsafe)
     if index is not None and params is not None:
         raise ParameterError("index and params are two words for the same: give one of them")
     if stop:

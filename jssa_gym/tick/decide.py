@@ -196,7 +196,7 @@ def _clear(told):
     told["unverified"], told["persistent"], told["inside"], told["fresh"] = False, False, False, False
     told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
     told["row"], told["column"], told["rows"] = -1, -1, 0
-    told["margin"], told["choice"] = np.nan, -1
+    told["margin"], told["choice"] = np.inf, -1
 
 
 @part
