@@ -113,7 +113,7 @@ def test_vectors_stack_numbers():
     *_, info = vector.step(np.ones((2, 6), np.float32))
     assert set(first) == set(info)
     assert {key: info[key].dtype for key in info} == {key: first[key].dtype for key in first}
-    assert [key for key in info if info[key].dtype == object] == ["shield/reason"]
+    assert [key for key in info if info[key].dtype == object] == ["shield/reason", "shield/kind"]
     assert info["shield/reason_code"].dtype.kind == "i"
     vector.close()
 
