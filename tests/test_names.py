@@ -106,9 +106,7 @@ def test_another_name_is_refused_everywhere(name):
     if isinstance(name, str):
         calls += [lambda name: Shield(arm(), name), lambda name: put_filter(arm(), name)]
     for call in calls:
-        with pytest.raises(
-            ParameterError, match=VALID
-        ):
+        with pytest.raises(ParameterError, match=VALID):
             call(name)
     if name != "full":
         with pytest.raises(ParameterError, match=re.escape(", ".join(contender_names()))):

@@ -45,7 +45,7 @@ def test_a_reset_tells_what_a_step_tells(task, dynamics):
 @pytest.mark.parametrize("task", TASKS)
 def test_a_shield_adds_the_same_keys_to_both(task, sensor):
     env = ArmEnv(task, human="pursuit", terminate_on=())
-    infos = check(JSSAShield(env if sensor is None else SensorModel(env, sensor)), 80)
+    infos = check(JSSAShield(env if sensor is None else SensorModel(env, sensor)), 300)
     assert len({info["shield/reason_code"] for info in infos}) > 1
     assert all(type(info["shield/reason"]) is str for info in infos)
 

@@ -11,7 +11,7 @@ from jssa_gym.control import plan_brake, plan_move
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.surroundings import OVER_POSITION, OVER_VELOCITY, Surroundings
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans import Hand, Pursuit
+from jssa_gym.humans import Hand, Pursuit, nobody
 from jssa_gym.policies import POLICIES
 from jssa_gym.safety.tracking import measure_tracking, tracking_error_metres
 from jssa_gym.types import JointState
