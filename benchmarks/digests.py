@@ -21,7 +21,8 @@ import numpy as np
 
 import jssa_gym
 from jssa_gym.envs.faults import FAULTS
-from jssa_gym.evaluation.contenders import CONTENDERS, PEOPLE, shielded
+from jssa_gym.evaluation.contenders import CONTENDERS, shielded
+from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.evaluation.study import put_filter
 from jssa_gym.storage import write_whole
 

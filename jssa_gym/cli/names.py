@@ -5,7 +5,8 @@ from collections.abc import Iterable
 import tyro
 
 from jssa_gym.envs.tasks import TASKS
-from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
+from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS
+from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.shields import FILTERS, PROFILES, STOP, TASK_SHIELD
 

@@ -17,14 +17,13 @@ from jssa_gym.evaluation.contenders import (
     FAULTS,
     JOINTS,
     LATENCIES,
-    MULTIPLES,
-    PEOPLE,
     REPORTED,
     contender,
     contender_names,
     shielded,
 )
 from jssa_gym.evaluation.judgement import Excess, Judgement
+from jssa_gym.evaluation.people import MULTIPLES, PEOPLE
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
 from jssa_gym.evaluation.rows import Cell, Row, StressRow, digest_of, states_of
 from jssa_gym.exceptions import ParameterError

@@ -1,4 +1,4 @@
-"""Who takes part in a campaign, by name: shields whole and weakened, people, and faults."""
+"""Who takes part in a campaign, by name: shields whole and weakened, and faults; the people are in ``people``."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -11,17 +11,7 @@ import numpy as np
 
 from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
 from jssa_gym.envs.sensor import MissedTicks, SensorModel
-from jssa_gym.humans import (
-    HUMANS,
-    ApproachRetreat,
-    Hand,
-    HumanMotion,
-    Pursuit,
-    RandomWalk,
-    Receive,
-    WalkBy,
-    make_human,
-)
+from jssa_gym.evaluation.people import TOO_FAST
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
@@ -249,57 +239,13 @@ def contender(name: str) -> Contender:
     return CONTENDERS[name] if name in CONTENDERS else _named(name)
 
 
-# ---- people and faults -------------------------------------------------------------------------------
-
-MULTIPLES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
-"""Speeds of people, as multiples of what a shield assumes."""
+# ---- faults ------------------------------------------------------------------------------------------
 
 LATENCIES = (0, 25, 50, 100, 150, 200)
 """Delays that nobody reports [ms]."""
 
-_ASSUMED = FailsafeParams()
-
-
-def _fast_runner(multiple: float) -> HumanMotion:
-    return Pursuit(multiple * _ASSUMED.human_speed, acceleration=None)
-
-
-def _fast_hand(multiple: float) -> HumanMotion:
-    speed = multiple * _ASSUMED.limb_speed
-    return Hand(speed=(0.5 * speed, speed), acceleration=None)
-
-
-ABRUPT: dict[str, Callable[[], HumanMotion]] = {
-    "approach_retreat abrupt": partial(ApproachRetreat, acceleration=None),
-    "random abrupt": partial(RandomWalk, acceleration=None),
-    "walk_by abrupt": partial(WalkBy, acceleration=None),
-    "pursuit abrupt": partial(Pursuit, acceleration=None),
-    "hand abrupt": partial(Hand, acceleration=None),
-    "receive abrupt": partial(Receive, acceleration=None),
-    "feint abrupt": partial(Pursuit, acceleration=None, feint=True),
-    "two abrupt": lambda: make_human((Pursuit(acceleration=None), WalkBy(acceleration=None))),
-    "two hands abrupt": lambda: make_human((Hand(acceleration=None), Pursuit(acceleration=None))),
-}
-"""People whose velocity changes at once, as that of the package's own did before it had a bound."""
-
-PEOPLE: dict[str, Callable[[], HumanMotion]] = {
-    **HUMANS,
-    "feint": partial(Pursuit, feint=True),
-    "two": partial(make_human, ("pursuit", "walk_by")),
-    "two hands": partial(make_human, ("hand", "pursuit")),
-    **ABRUPT,
-    **{f"pursuit x{m:g}": partial(_fast_runner, m) for m in MULTIPLES},
-    **{f"hand x{m:g}": partial(_fast_hand, m) for m in MULTIPLES},
-}
-"""People by name: the package's own, several at once, and some that are faster than assumed; these are so at once,
-since what is asked of them is their speed.
-"""
-
 FAULTS: tuple[str, ...] = (*SENSOR_FAULTS, "missed ticks", *(f"unmodelled {ms} ms" for ms in LATENCIES))
 """Names of what can be wrong between people and shield."""
-
-TOO_FAST = tuple(f"{who} x{m:g}" for who in ("pursuit", "hand") for m in MULTIPLES if m > 1.0)
-"""People who break the assumption on their speed."""
 
 REPORTED = (*(name for name, faults in SENSOR_FAULTS.items() if faults.reported), "missed ticks")
 """Faults within the assumptions: age and validity, with the bound on the noise, tell all."""

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, Generic
 
 from jssa_gym.envs.arm import ArmEnv
-from jssa_gym.evaluation.contenders import PEOPLE
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.ledger import Chunk
+from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.evaluation.plan import AnyRow, EpisodePlan
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.rows import Setting, digest_of, trace_name

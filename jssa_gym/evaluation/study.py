@@ -11,10 +11,10 @@ import gymnasium as gym
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.blocked import fault_of
-from jssa_gym.evaluation.contenders import PEOPLE
 from jssa_gym.evaluation.geometry import geometry
 from jssa_gym.evaluation.identity import code_digest, identity, named
 from jssa_gym.evaluation.metrics import SeparationParams, summarise
+from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
 from jssa_gym.evaluation.policy import check_unchanged, make_policy, policy_code, policy_factory
 from jssa_gym.evaluation.rollout import shield_of

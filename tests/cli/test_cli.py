@@ -17,7 +17,8 @@ from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.files import write_json
 from jssa_gym.envs import TASKS
 from jssa_gym.evaluation import Summary
-from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
+from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS
+from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.exceptions import MissingExtraError
 from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.shields import FILTERS

@@ -25,9 +25,7 @@ from jssa_gym.evaluation.contenders import (
     FAULTS,
     JOINTS,
     LATENCIES,
-    PEOPLE,
     REPORTED,
-    TOO_FAST,
     Ageless,
     Late,
     shielded,
@@ -36,6 +34,7 @@ from jssa_gym.evaluation.contenders import (
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.judgement import Excess
 from jssa_gym.evaluation.ledger import Ledger, source_hash
+from jssa_gym.evaluation.people import PEOPLE, TOO_FAST
 from jssa_gym.evaluation.plan import SPACING
 from jssa_gym.evaluation.play import Player, play
 from jssa_gym.evaluation.report import tally

@@ -9,6 +9,7 @@ import pytest
 import jssa_gym
 from jssa_gym.evaluation import judge, load_trace, rollout, save_trace
 from jssa_gym.exceptions import ParameterError, RobotModelError
+from jssa_gym.humans import ApproachRetreat
 from jssa_gym.robots import JointLimits, RobotModel
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import CapsuleSet, JointState, Planes, Trace
@@ -102,7 +103,7 @@ def flange(robot: RobotModel) -> np.ndarray:
 @pytest.fixture(scope="module")
 def recorded(robot) -> Trace:
     """An arm that flails about beside somebody: it collides."""
-    env = gym.make("jssa_gym/Home-v0", human="approach_retreat", terminate_on=())
+    env = gym.make("jssa_gym/Home-v0", human=ApproachRetreat(acceleration=None), terminate_on=())
     trace = rollout(env, jssa_gym.RandomPolicy(env, 0), seed=0, steps=360)
     assert trace.contact.any()
     return trace

@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from jssa_gym.evaluation.contenders import ABRUPT, PEOPLE
+from jssa_gym.evaluation.people import ABRUPT, PEOPLE
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import (
     HUMANS,

@@ -1,0 +1,61 @@
+"""People by name: the package's own, several at once, those of before, and some that are faster than assumed."""
+
+from collections.abc import Callable
+from functools import partial
+
+from jssa_gym.humans import (
+    HUMANS,
+    ApproachRetreat,
+    Hand,
+    HumanMotion,
+    Pursuit,
+    RandomWalk,
+    Receive,
+    WalkBy,
+    make_human,
+)
+from jssa_gym.safety.failsafe import FailsafeParams
+
+MULTIPLES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
+"""Speeds of people, as multiples of what a shield assumes."""
+
+_ASSUMED = FailsafeParams()
+
+
+def _fast_runner(multiple: float) -> HumanMotion:
+    return Pursuit(multiple * _ASSUMED.human_speed, acceleration=None)
+
+
+def _fast_hand(multiple: float) -> HumanMotion:
+    speed = multiple * _ASSUMED.limb_speed
+    return Hand(speed=(0.5 * speed, speed), acceleration=None)
+
+
+ABRUPT: dict[str, Callable[[], HumanMotion]] = {
+    "approach_retreat abrupt": partial(ApproachRetreat, acceleration=None),
+    "random abrupt": partial(RandomWalk, acceleration=None),
+    "walk_by abrupt": partial(WalkBy, acceleration=None),
+    "pursuit abrupt": partial(Pursuit, acceleration=None),
+    "hand abrupt": partial(Hand, acceleration=None),
+    "receive abrupt": partial(Receive, acceleration=None),
+    "feint abrupt": partial(Pursuit, acceleration=None, feint=True),
+    "two abrupt": lambda: make_human((Pursuit(acceleration=None), WalkBy(acceleration=None))),
+    "two hands abrupt": lambda: make_human((Hand(acceleration=None), Pursuit(acceleration=None))),
+}
+"""People whose velocity changes at once, as that of the package's own did before it had a bound."""
+
+PEOPLE: dict[str, Callable[[], HumanMotion]] = {
+    **HUMANS,
+    "feint": partial(Pursuit, feint=True),
+    "two": partial(make_human, ("pursuit", "walk_by")),
+    "two hands": partial(make_human, ("hand", "pursuit")),
+    **ABRUPT,
+    **{f"pursuit x{m:g}": partial(_fast_runner, m) for m in MULTIPLES},
+    **{f"hand x{m:g}": partial(_fast_hand, m) for m in MULTIPLES},
+}
+"""People by name: the package's own, several at once, and some that are faster than assumed; these are so at once,
+since what is asked of them is their speed.
+"""
+
+TOO_FAST = tuple(f"{who} x{m:g}" for who in ("pursuit", "hand") for m in MULTIPLES if m > 1.0)
+"""People who break the assumption on their speed."""
