@@ -86,6 +86,8 @@ def predicted_rows(robot, motion, agents, foresight, work):
 
     Returns:
         Number of rows; smallest gap that was predicted and the smallest one now [m], robot capsule and agent of this.
+        The smallest predicted one is NaN, and there are no rows, if a gap or a row is not finite: nobody knows then who
+        is in the way.
     """
     people, levers, U, row = agents.shape[0], robot.levers, robot.limits[4], work.jerk
     segments, posture, fastest, off, L, S = work.segments, work.posture, work.fastest, work.people_off, work.L, work.S
@@ -110,6 +112,8 @@ def predicted_rows(robot, motion, agents, foresight, work):
                 radii = part["radius"] + agent["radius"]
                 start, end = _moved(agent, t)
                 gap, s, r = capsule_pair(part["start"], part["end"], start, end, radii)
+                if not np.isfinite(gap):
+                    return 0, np.nan, np.nan, -1, -1
                 least = min(least, gap)
                 if moment == 0 and gap < nearest:
                     nearest, nearest_row, nearest_column = gap, i, k
@@ -129,6 +133,8 @@ def predicted_rows(robot, motion, agents, foresight, work):
                 authority = 0.0
                 for j in range(row.shape[0]):
                     authority += abs(row[j]) * U[j]
+                if not np.isfinite(right + authority):
+                    return 0, np.nan, np.nan, -1, -1
                 p = i * people + k
                 if authority >= foresight.authority and right > work.target[p] * authority:
                     work.target[p], S[p] = right / authority, right

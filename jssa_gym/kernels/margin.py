@@ -29,7 +29,7 @@ def margin(robot, motion, ticks, around, work):
         robot, motion, ticks, around, work: See :func:`~jssa_gym.kernels.verification.keeps_clear`.
 
     Returns:
-        That; inf where nothing moves or nobody is there, below 0 where people could be met.
+        That; inf where nothing moves or nobody is there, below 0 where people could be met, -inf where a gap is NaN.
     """
     agents, reach, growth, touch = around.agents, around.reach, around.growth, around.touch
     levers, fastest, segments = robot.levers, work.fastest, work.segments_now
@@ -58,5 +58,7 @@ def margin(robot, motion, ticks, around, work):
                 if least < np.inf and apart(part, agent, radii + taken + least):
                     continue
                 gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
+                if np.isnan(gap - taken):
+                    return -np.inf
                 least = min(least, gap - taken)
     return least

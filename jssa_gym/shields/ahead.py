@@ -26,7 +26,7 @@ class AheadParams:
     growth: float = 0.05
     """... and by how much more with time, for what constant velocities do not know [m/s]."""
     horizon: float = 1.2
-    """How far ahead is looked [s]: who looks far is hardly ever touched, who does not gets more done."""
+    """How far ahead is looked [s]: the farther, the earlier it gives way, and the less gets done."""
     step: float = 0.04
     """Between the moments that are looked at [s]."""
     soonest: float = 0.2

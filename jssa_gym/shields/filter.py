@@ -318,7 +318,7 @@ class SafetyFilter:
         except Exception as error:  # reading raises for no scene: this came from the step itself
             reason = f"the control step failed: {type(error).__name__}: {words_of(error)}"
             emergency = self._emergency(scene, nominal, reason, decided)
-            return emergency if path is None else self._chosen(path, emergency)
+            return emergency if path is None else emergency._replace(override=tell(path, -1))
 
     @property
     def compiled(self) -> bool:

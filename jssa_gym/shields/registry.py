@@ -58,8 +58,8 @@ def _jssa_near(
 
 
 PROFILES: dict[str, AheadParams] = {"work": AheadParams(horizon=0.7), "yield": AheadParams(horizon=1.2)}
-"""Whole shields by what they are for: ``work`` gets most done and may be touched, at rest; ``yield`` is hardly ever
-touched. They look ahead and give way gradually, and are never without viability box and verified stop."""
+"""Whole shields by what they are for: the short horizon of ``work`` is for getting things done, the long one of
+``yield`` for giving way early. They give way gradually and, by these names, have viability box and verified stop."""
 
 
 def _profile(name: str) -> Build:

@@ -1,9 +1,11 @@
 """Wrappers that put a filter between a policy and an environment."""
 
 import copy
+import inspect
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import cache
 from typing import Any, Literal, Self
 
 import gymnasium as gym
@@ -34,6 +36,12 @@ _LAMBDAS = DEFAULT.lambda1, DEFAULT.lambda2
 
 _CORRECTION = 1e-6
 """Correction, in jerk bounds, from which a step counts as an intervention."""
+
+
+@cache
+def _takes_path(decide: Callable[..., Decision]) -> bool:
+    """Whether a filter's ``decide`` can be given a path."""
+    return len(inspect.signature(decide).parameters) > 3
 
 
 def _assumptions(name: str, value: bool | FailsafeParams | Mapping[str, Any]) -> FailsafeParams | None:
@@ -145,7 +153,13 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
         Args:
             path: A :class:`~jssa_gym.shields.offers.Path`, which the shield asks; or an array of shape (a, n) [rad/s³].
+
+        Raises:
+            InterfaceError: The filter has a ``decide`` of its own that knows of no path.
         """
+        if not _takes_path(type(self.filter).decide):
+            name = type(self.filter).__name__
+            raise InterfaceError(f"{name}.decide takes no path: it has to be decide(self, scene, nominal, path=None)")
         self._offered = path
 
     def rebase(self) -> None:
@@ -223,8 +237,8 @@ class JSSAShield(Shield):
 
     Args:
         env: The environment; see :class:`Shield` for what it has to offer.
-        profile: ``"paper"`` for JSSA; ``"work"`` for a look-ahead filter that gets most done and may be touched, at
-            rest; ``"yield"`` for one that is hardly ever touched; see :data:`~jssa_gym.shields.registry.PROFILES`.
+        profile: ``"paper"`` for JSSA; ``"work"`` and ``"yield"`` for look-ahead filters with a short and a
+            long horizon, whose stops give way gradually; see :data:`~jssa_gym.shields.registry.PROFILES`.
         horizon: How far those two look ahead [s], None for their own.
         lambda1: :math:`\lambda_1` [m·s].
         lambda2: :math:`\lambda_2` [m·s²].

@@ -105,13 +105,14 @@ def take_alternative(arms, nominal, e):
         Whether there is one; if not, nothing is decided and ``work.clipped`` is the nominal again.
     """
     robot, settings, memory, work, answer = arms.robot, arms.settings, arms.memory, arms.work, arms.answer
-    told, count = answer.told[e], arms.scene.now[e]["alternatives"]
-    if count == 0:
+    told, offered = answer.told[e], arms.scene.alternatives[e]
+    count = min(arms.scene.now[e]["alternatives"], offered.shape[0])
+    if count <= 0:
         return False
     if settings.guarded and take_fixtures(memory, arms.scene, e)[0]:
         return False
     for choice in range(count):
-        jerk = arms.scene.alternatives[e, choice]
+        jerk = offered[choice]
         copy(jerk, work.clipped)
         if unfit_answer(work.clipped, jerk, False, robot.limits[4], work) or not leaves_alone(arms, jerk, told, e):
             continue

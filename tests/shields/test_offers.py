@@ -10,10 +10,10 @@ from hypothesis.extra.numpy import arrays
 from monitors import keeps_safe
 
 import jssa_gym
-from jssa_gym.exceptions import ParameterError
+from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.humans import make_human
 from jssa_gym.safety.failsafe import HARDNESS, FailsafeParams
-from jssa_gym.shields import PROFILES, Shield, make_filter
+from jssa_gym.shields import PROFILES, NoFilter, Shield, make_filter
 from jssa_gym.types import Status
 
 ANY = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -74,6 +74,78 @@ def test_no_alternative_is_applied_that_a_filter_would_change_or_no_stop_follows
         assert info["contact_speed"] <= 1e-3
         assert not info["limit_violation"]
     assert {"alternative", "stop"} <= set(kinds)
+
+
+def test_what_a_filter_would_change_is_not_applied():
+    """Bare JSSA, no stop around it: an offer that breaks its rows is passed over, one that keeps them is taken."""
+    shield = beside("jssa", human="pursuit")
+    shield.reset(seed=1)
+    bound, seen = shield.unwrapped.robot.limits.jerk, set()
+    for _ in range(300):
+        shield.offer(np.array([np.full(6, 0.3) * bound]))
+        *_, info = shield.step(np.full(6, 0.3))
+        # what is offered is the action, too: the same filter, asked for it alone, would have kept or changed it
+        seen.add((Status(info["shield/status"]).name, info["shield/kind"]))
+    assert ("NOMINAL", "alternative") in seen
+    assert seen & {("PROJECTED", "projected"), ("RELAXED", "projected")}
+
+
+def test_what_would_be_known_of_nobody_is_a_fault(robot):
+    """Distances that overflow: nobody knows who is in the way, and the nominal is not applied."""
+    env = jssa_gym.ArmEnv("home", human="pursuit")
+    env.reset(seed=0)
+    scene, filter = env.scene, make_filter("jssa_ahead", env.robot, env.dt)
+    human = scene.human
+    for far in (1e160, 1e308):
+        away = human._replace(start=human.start + far, end=human.end - far)
+        with np.errstate(all="ignore"):
+            filter.reset(scene._replace(human=away))
+            decision = filter.decide(scene._replace(human=away), np.ones(6))
+        assert (decision.status, decision.reason) == (Status.FAULT, "the safety index is not finite")
+
+
+def test_a_projection_of_predicted_rows_that_fails_is_a_fault():
+    shield = beside("jssa_ahead", human="pursuit")
+    shield.reset(seed=1)
+    while shield.step(np.full(6, 0.2))[-1]["shield/status"] != Status.PROJECTED:
+        pass
+    records = shield.filter.records
+    records.settings = records.settings._replace(diagonal=False, inverse=-np.eye(6))
+    records.release()
+    *_, info = shield.step(np.full(6, 0.2))
+    assert (info["shield/status"], info["shield/kind"]) == (Status.FAULT, "fault")
+
+
+def test_records_that_are_out_of_order_cost_a_path_nothing_else(robot, caplog):
+    """What fails while a fault is told to a path is not raised."""
+
+    class Broken:
+        def __getattr__(self, name):
+            raise RuntimeError("broken")
+
+    env = jssa_gym.ArmEnv("home", human="none")
+    env.reset(seed=0)
+    filter, path = make_filter("jssa+stop", env.robot, env.dt), Straying(np.zeros((1, 6)))
+    filter.reset(env.scene)
+    vars(filter)["records"] = Broken()
+    for offered in (None, path):
+        decision = filter.decide(env.scene, np.ones(6), offered)
+        assert decision.status == Status.FAULT
+        assert not decision.jerk.any()
+    assert path.told == [-1]
+
+
+def test_a_filter_that_knows_of_no_path_says_so_before_anything_moves():
+    class Old(NoFilter):
+        def decide(self, scene, nominal):
+            return super().decide(scene, nominal)
+
+    env = jssa_gym.ArmEnv("home", human="none")
+    shield = Shield(env, Old(env.robot, env.dt))
+    shield.reset(seed=0)
+    with pytest.raises(InterfaceError, match=r"Old\.decide takes no path"):
+        shield.offer(np.zeros((1, 6)))
+    shield.step(np.zeros(6))
 
 
 @settings(max_examples=30, deadline=None)

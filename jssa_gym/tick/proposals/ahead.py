@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from jssa_gym.kernels.ahead import Foresight, predicted_rows
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import integrate
@@ -33,8 +35,11 @@ def ahead(robot, settings, proposal, memory, nominal, work, told, e):
     count, least, distance, row, column = predicted_rows(robot, motion, people, foresight, work)
     told["phi"] = foresight.d_min**2 - least * abs(least)
     told["distance"], told["row"], told["column"] = distance, row, column
-    if not violation(work.L, work.S, count, work.wanted) > 0.0:
-        return 0 if told["phi"] == told["phi"] else codes.INDEX
+    left = violation(work.L, work.S, count, work.wanted)
+    if np.isnan(told["phi"]) or np.isnan(left):
+        return codes.INDEX
+    if left <= 0.0:
+        return 0
     told["rows"] = count
     return PROJECT
 
@@ -42,4 +47,4 @@ def ahead(robot, settings, proposal, memory, nominal, work, told, e):
 @jit
 def after_ahead(robot, settings, proposal, memory, nominal, work, told, e):
     """What became of the rows; they are linear in the jerk, once is enough."""
-    return of_rows(told)
+    return codes.UNSOLVED if np.isnan(told["slack"]) else of_rows(told)
