@@ -29,6 +29,8 @@ FILTERS = "tests/shields/test_failsafe.py"
 JOINTS = "tests/tick/test_joints.py"
 HELD = "tests/shields/test_held_joints.py"
 CLOSED = "tests/shields/test_fail_closed.py"
+OFFERS = "tests/shields/test_offers.py"
+MARGIN = "tests/kernels/test_margin.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -201,7 +203,7 @@ MUTANTS = [
     _admit(
         "another jerk is not verified",
         "    which, _, _, _, _ = choose(robot, settings, memory, work.wanted, work.jerk, work, e)\n",
-        "    keeps_safe(robot, settings, memory, work.wanted, work, e)\n    which, work.jerk[:] = 1, work.wanted\n",
+        "    keeps_safe(robot, settings, memory, work.wanted, 0, work, e)\n    which, work.jerk[:] = 1, work.wanted\n",
         (HELD, "amendment"),
     ),
     # what the stored stop is
@@ -456,7 +458,7 @@ MUTANTS = [
     ),
     Mutant(
         "the present index of the future people",
-        "tick/propose.py",
+        "tick/proposals/exact.py",
         "    advance(work.agents, -settings.dt)\n",
         "",
         ROWS,
@@ -464,9 +466,10 @@ MUTANTS = [
     Mutant(
         "clip after projection",
         "tick/propose.py",
-        'feasible, left = project(settings, nominal, told["rows"], work)\n',
-        'feasible, left = project(settings, nominal, told["rows"], work)\n'
-        "        work.wanted[:] = np.minimum(np.maximum(work.wanted, 0.3 * work.lower), 0.3 * work.upper)\n",
+        "        stage = projected(proposal)(robot,",
+        "        for j in range(nominal.shape[0]):\n"
+        "            work.wanted[j] = min(max(work.wanted[j], 0.3 * work.lower[j]), 0.3 * work.upper[j])\n"
+        "        stage = projected(proposal)(robot,",
         ("tests/shields/test_shield.py", "jerk_is_the_nearest"),
     ),
     Mutant(
@@ -475,6 +478,105 @@ MUTANTS = [
         "return np.radians(np.array(degrees))",
         "return np.array(degrees)",
         ("tests/robots/test_model.py", "limit"),
+    ),
+    # what gives way gradually, what planners offer, and rows from a predicted miss
+    Mutant(
+        "an alternative without a verified stop",
+        "tick/decide.py",
+        "if settings.guarded and not admits(robot, settings, memory, work.clipped, work, answer, e):",
+        "if settings.guarded and not admits(robot, settings, memory, work.clipped, work, answer, e) and False:",
+        (OFFERS, "no_stop_follows"),
+    ),
+    Mutant(
+        "an alternative that the filter would change",
+        "tick/propose.py",
+        'return code == 0 and told["rows"] == 0',
+        "return True",
+        (OFFERS, "would_change"),
+    ),
+    Mutant(
+        "an alternative outside the box",
+        "tick/decide.py",
+        "if unfit_answer(work.clipped, jerk, False, robot.limits[4], work) or not leaves_alone",
+        "if not np.isfinite(jerk).all() or not leaves_alone",
+        (OFFERS, "first_alternative and none"),
+    ),
+    Mutant(
+        "an offer for ever",
+        "shields/shield.py",
+        "        self._offered = None\n        scene = self._scene()\n",
+        "        scene = self._scene()\n",
+        (OFFERS, "first_alternative and stop"),
+    ),
+    Mutant(
+        "the limits of a soft stop are its own",
+        "tick/admit.py",
+        "if not keeps_limits(state, jerk, work.after, work.next, settings.stop_limits, settings.dt):",
+        "if not keeps_limits(state, jerk, work.after, work.next, settings.soft_limits[hardness], settings.dt):",
+        (OFFERS, "softer_stop"),
+    ),
+    Mutant(
+        "a blend that nobody verifies",
+        "tick/admit.py",
+        "            hardness, _, _, _, _ = softest(robot, settings, memory, jerk, hardness - 1, work, e)\n",
+        "            plan_behind(settings, memory, jerk, hardness, work, e)\n",
+        (OFFERS, "blend_is_verified"),
+    ),
+    Mutant(
+        "a blend the wrong way round",
+        "tick/admit.py",
+        "share = (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0])",
+        "share = 1.0 - (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0])",
+        (OFFERS, "blend_is_what"),
+    ),
+    Mutant(
+        "a gap that is not finite is far",
+        "kernels/ahead.py",
+        "                if not np.isfinite(gap):\n",
+        "                if False:\n",
+        (OFFERS, "known_of_nobody"),
+    ),
+    Mutant(
+        "predicted rows without a projection are kept",
+        "tick/proposals/ahead.py",
+        'return codes.UNSOLVED if np.isnan(told["slack"]) else of_rows(told)',
+        "return of_rows(told)",
+        (OFFERS, "projection_of_predicted"),
+    ),
+    Mutant(
+        "a fault told through what has failed",
+        "shields/filter.py",
+        "emergency if path is None else emergency._replace(override=tell(path, -1))",
+        "emergency if path is None else self._chosen(path, emergency)",
+        (OFFERS, "out_of_order"),
+    ),
+    Mutant(
+        "people stand still ahead",
+        "kernels/ahead.py",
+        "start, end = _moved(agent, t)",
+        "start, end = _moved(agent, 0.0)",
+        (MARGIN, "passes_by"),
+    ),
+    Mutant(
+        "rows without the acceleration",
+        "kernels/ahead.py",
+        "- 9.0 / T * curvature",
+        "",
+        (MARGIN, "quintic"),
+    ),
+    Mutant(
+        "a margin without reach",
+        "kernels/margin.py",
+        "taken = reach[k] + growth[k] * until",
+        "taken = growth[k] * until",
+        (MARGIN, "formula"),
+    ),
+    Mutant(
+        "a margin until now",
+        "kernels/margin.py",
+        "until = t + motion.dt + length / _MOMENTS",
+        "until = t",
+        (MARGIN, "formula"),
     ),
 ]
 

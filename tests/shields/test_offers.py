@@ -8,12 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from monitors import keeps_safe
+from numba import njit
 
 import jssa_gym
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.humans import make_human
+from jssa_gym.kernels.records import STOP, records
+from jssa_gym.kernels.stopping import plan_stop, stop_jerk
+from jssa_gym.kernels.verification import SAFE
 from jssa_gym.safety.failsafe import HARDNESS, FailsafeParams
 from jssa_gym.shields import PROFILES, NoFilter, Shield, make_filter
+from jssa_gym.tick.admit import GRADED, WANTED, blend, choose
+from jssa_gym.tick.admit import keeps_safe as keeps_safe_by
 from jssa_gym.types import Status
 
 ANY = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -210,11 +216,78 @@ def test_what_is_applied_before_a_softer_stop_is_followed_by_one(robot):
     assert (limits[:, :3] == robot.limits.bounds()[:3]).all()
     shield = beside("stop", stop={"graded": True})
     shield.reset(seed=0)
+    # the jerk itself may be as hard as the arm allows: only stops are soft
+    assert [shield.step(np.full(6, share))[-1]["shield/kind"] for share in (0.9, -0.9)] == ["nominal", "nominal"]
+    shield.reset(seed=0)
     for _ in range(20):
         shield.step(np.full(6, 0.3))
     plan = shield.filter.records.memory.stored[0]
     assert (np.abs(plan["jerk_in"]) <= HARDNESS[0] * robot.limits.jerk * (1 + 1e-9)).all()
     assert keeps_safe(shield.filter, 0.3 * robot.limits.jerk)
+
+
+def test_a_blend_is_what_its_formula_says(robot):
+    """At every hardness, from an arm that moves: b + (1 - c) / (1 - 0.4) (u - b), b the soft stop's first jerk."""
+    filter = make_filter("stop", robot, 0.008, failsafe=FailsafeParams(graded=True))
+    arms, bounds, rng = filter.records.view.arms, robot.limits.bounds(), np.random.default_rng(0)
+    for hardness, share in enumerate(HARDNESS):
+        state = np.array([robot.home, rng.uniform(-0.3, 0.3, 6) * bounds[2], rng.uniform(-0.3, 0.3, 6) * bounds[3]])
+        filter.records.memory.state[0] = state
+        wanted, found, plan, first = rng.uniform(-1.0, 1.0, 6) * bounds[4], np.zeros(6), records(6, STOP), np.zeros(6)
+        soft = bounds.copy()
+        soft[3:] *= share
+        plan_stop(state, soft, 0.008, plan)
+        stop_jerk(plan, 0, first)
+        _blend(arms, wanted, hardness, found)
+        np.testing.assert_allclose(found, first + (1.0 - share) / 0.6 * (wanted - first), rtol=1e-12, atol=1e-9)
+
+
+@njit
+def _blend(arms, wanted, hardness, jerk):
+    blend(arms.settings, arms.memory, wanted, hardness, jerk, arms.work, 0)
+
+
+def test_what_a_blend_is_verified_by_is_stored(robot):
+    """Arms in motion, somebody near: a blend is chosen only with the stop behind it that is verified, or not at all.
+
+    Braking harder now is not always safer, so that some blends have to be given up; that is seen here too.
+    """
+    filter = make_filter("stop", robot, 0.008, failsafe=FailsafeParams(graded=True))
+    filter.records.make_room(people=1)
+    arms, memory, work = filter.records.view.arms, filter.records.memory, filter.records.work
+    bounds, rng, jerk, chosen, given_up = robot.limits.bounds(), np.random.default_rng(0), np.zeros(6), 0, 0
+    memory.growth[:], memory.touch[:], work.reach[:] = 1.6, 0.0, 0.0
+    for _ in range(3000):
+        state = rng.uniform(-1.0, 1.0, (3, 6)) * [[0.8], [0.3], [0.3]] * np.array([np.ones(6), bounds[2], bounds[3]])
+        state[0] += robot.home
+        memory.state[0] = state
+        work.grown["start"] = work.grown["end"] = rng.uniform([-1.2, -1.2, 0.4], [1.2, 1.2, 1.8])
+        work.grown["radius"] = 0.1
+        wanted = rng.uniform(-1.0, 1.0, 6) * bounds[4]
+        codes = [_verified(arms, wanted, hardness) for hardness in range(len(HARDNESS))]
+        which = _choose(arms, wanted, jerk)
+        if which == GRADED:
+            assert not codes[0]
+            assert any(codes)
+            stop = work.next.copy()
+            behind = [(_verified(arms, jerk, hardness), work.next.copy()) for hardness in range(len(HARDNESS))]
+            assert any(verified and (plan == stop).all() for verified, plan in behind)
+            chosen += 1
+        else:
+            assert (which == WANTED) == codes[0]
+            given_up += any(codes) and not codes[0]
+    assert chosen > 20
+    assert given_up > 0
+
+
+@njit
+def _choose(arms, wanted, jerk):
+    return choose(arms.robot, arms.settings, arms.memory, wanted, jerk, arms.work, 0)[0]
+
+
+@njit
+def _verified(arms, jerk, hardness):
+    return keeps_safe_by(arms.robot, arms.settings, arms.memory, jerk, hardness, arms.work, 0)[0] == SAFE
 
 
 def test_graded_is_a_switch():
