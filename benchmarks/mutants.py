@@ -456,7 +456,7 @@ MUTANTS = [
     ),
     Mutant(
         "the present index of the future people",
-        "tick/propose.py",
+        "tick/proposals/exact.py",
         "    advance(work.agents, -settings.dt)\n",
         "",
         ROWS,
@@ -464,9 +464,10 @@ MUTANTS = [
     Mutant(
         "clip after projection",
         "tick/propose.py",
-        'feasible, left = project(settings, nominal, told["rows"], work)\n',
-        'feasible, left = project(settings, nominal, told["rows"], work)\n'
-        "        work.wanted[:] = np.minimum(np.maximum(work.wanted, 0.3 * work.lower), 0.3 * work.upper)\n",
+        "        stage = projected(proposal)(robot,",
+        "        for j in range(nominal.shape[0]):\n"
+        "            work.wanted[j] = min(max(work.wanted[j], 0.3 * work.lower[j]), 0.3 * work.upper[j])\n"
+        "        stage = projected(proposal)(robot,",
         ("tests/shields/test_shield.py", "jerk_is_the_nearest"),
     ),
     Mutant(

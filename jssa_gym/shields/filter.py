@@ -13,7 +13,6 @@ from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams, levers
-from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.answers import sound
 from jssa_gym.shields.copying import refuse_shared_memory
 from jssa_gym.shields.reading import Reading, part_of, words_of
@@ -24,6 +23,8 @@ from jssa_gym.shields.tick import Tick
 from jssa_gym.shields.words import Told, in_words
 from jssa_gym.tick import codes, layout, loop
 from jssa_gym.tick.decide import ANSWERED, ASK
+from jssa_gym.tick.proposals.nothing import Foreign
+from jssa_gym.tick.propose import KINDS
 from jssa_gym.types import Array, Decision, Scene, Status
 from jssa_gym.validation import positive_number
 
@@ -49,7 +50,7 @@ class SafetyFilter:
 
     A subclass of a user's own implements :meth:`respond` and may rely on finite, complete inputs: :meth:`decide`
     answers everything else itself, with the fallback and :attr:`Status.FAULT`. The nominal is never returned because
-    something failed. Filters that name a compiled :attr:`proposal` instead are decided in one compiled call.
+    something failed. Filters with a compiled :attr:`proposal` instead are decided in one compiled call.
 
     Around every filter, if asked for, lie a **viability box** (jerk bounds that keep the joint limits recoverable; else
     the box is the jerk bounds) and a **verified stop**: a jerk is applied only if a jerk-limited stop after it is
@@ -72,9 +73,6 @@ class SafetyFilter:
 
     fixed: ClassVar[frozenset[str]] = frozenset({"robot", "dt", "params", "viability", "failsafe"})
     """Attributes that say how an arm is looked after."""
-
-    proposal = layout.FOREIGN
-    """Who proposes a jerk in the compiled step; ``FOREIGN``: :meth:`respond` does."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -110,21 +108,50 @@ class SafetyFilter:
             failsafe.tolerance_of(robot)
         announce_compilation(loop.decide_all)
 
+    @property
+    def proposal(self) -> Any:
+        """Parameters of what proposes in the compiled step: their type, in :data:`~jssa_gym.tick.propose.KINDS`, says
+        what that is. ``Foreign()``: :meth:`respond` does.
+        """
+        return Foreign()
+
     def respond(self, tick: Tick) -> Decision:
-        """Propose a jerk, in the box, and say why.
+        """Propose a jerk, in the box, and say why; without an answer of a subclass, what the compiled step proposes.
 
         Of an answer with :attr:`Status.FAULT`, which :meth:`failed` makes, only the reason counts: the arm then brakes
         or stops.
         """
-        raise NotImplementedError(f"{type(self).__name__} answers to nothing")
+        if not self._known:
+            raise NotImplementedError(f"{type(self).__name__} answers to nothing")
+        view = self.records.view
+        loop.propose(view.arms, view.nominal)
+        return self._proposed(tick)
 
     def amend(self, tick: Tick, decision: Decision, held: int, halt: Array) -> Array:
         """The jerk to apply if the first ``held`` joints have to go on with the stored stop's, ``halt`` (n,)."""
+        view = self.records.view
+        if self._known and loop.ask_again(view.arms, view.nominal, held):
+            return self.records.work.wanted.copy()
         return np.concatenate([halt[:held], decision.jerk[held:]])
 
     def foresee(self, decision: Decision, jerk: Array) -> tuple[float, float, tuple[int, int]]:
         """Index, smallest distance and its pair at the end of the step under another jerk; NaN where not computed."""
-        return np.nan, np.nan, (-1, -1)
+        if not self._known:
+            return np.nan, np.nan, (-1, -1)
+        loop.foresee(self.records.view.arms)
+        told = Told(*self.records.view.told.item())
+        return told.phi, told.distance, (told.row, told.column)
+
+    def _proposed(self, tick: Tick, note: str = "") -> Decision:
+        """The compiled step's proposal as a decision; ``note`` goes behind its reason."""
+        told = Told(*self.records.view.told.item())
+        if told.status == Status.FAULT:
+            return self.failed(tick, REASONS[told.code])
+        reason = "; ".join(part for part in (REASONS.get(told.code, ""), note) if part)
+        return Decision(
+            self.records.work.wanted.copy(), tick.nominal, Status(told.status), reason,
+            told.phi, told.distance, (told.row, told.column), told.slack, told.rows,
+        )  # fmt: skip
 
     def failed(self, tick: Tick, reason: str) -> Decision:
         """The answer of a :meth:`respond` that found no jerk."""
@@ -141,12 +168,7 @@ class SafetyFilter:
             dt=self.dt,
             guarded=params is not None,
             viability=self.viability,
-            proposal=self.proposal,
-            index=IndexParams().kernel(),
-            closest=False,
             static_rows=False,
-            authority=0.0,
-            recovery=0.0,
             diagonal=True,
             weight=np.ones(n),
             inverse=np.eye(n),
@@ -171,7 +193,7 @@ class SafetyFilter:
         robot = self.robot
         parts = (np.array(part) for part in (robot.links, robot.capsules, robot.self_pairs))
         arm = layout.ArmRecord(*parts, levers(robot), robot.limits.bounds())
-        return Records(arm, self.settings())
+        return Records(arm, self.settings(), self.proposal)
 
     @cached_property
     def _reading(self) -> Reading:
@@ -282,10 +304,15 @@ class SafetyFilter:
 
     @property
     def compiled(self) -> bool:
-        """Whether the compiled step proposes: for a class that names who does, not for one that answers itself."""
+        """Whether the compiled step proposes: for a class that says what does, not for one that answers itself."""
         asked = {"respond", "amend", "foresee"}
-        owner = next(kind for kind in type(self).__mro__ if asked & vars(kind).keys())
-        return self.proposal != layout.FOREIGN and "proposal" in vars(owner)
+        owner = next(kind for kind in type(self).__mro__ if {"proposal", *asked} & vars(kind).keys())
+        return self._known and "proposal" in vars(owner)
+
+    @cached_property
+    def _known(self) -> bool:
+        """Whether there is something compiled that can propose."""
+        return type(self.proposal) in KINDS
 
     def _answer(self, nominal: Array, proposed: Decision | None) -> Decision:
         """The decision that the answer in the records comes to; ``proposed`` is that of a filter that was asked."""

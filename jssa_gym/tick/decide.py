@@ -24,31 +24,31 @@ ANSWERED, ASK, CORNERED = range(3)
 
 
 @part
-def decide(robot, settings, memory, scene, nominal, work, answer, e):
+def decide(arms, nominal, e):
     """The jerk to apply in this step of one arm, and why.
 
     Take in and check, believe (or not) the people, the viability box, the filter's rows and projection, the verified
     stop.
 
     Args:
-        robot: The arm.
-        settings: How it is looked after.
-        memory: What its shield remembers; changed.
-        scene: The present as it is shown.
+        arms: The arms (:func:`~jssa_gym.tick.structs.arms`): how they are looked after, what their shields remember,
+            the present as it is shown, and the result.
         nominal: The policy's jerk, shape (n,) [rad/s³].
-        work: Scratch.
-        answer: Result.
         e: Which arm: an entry of memory, scene and answer.
     """
+    robot, settings, memory, scene = arms.robot, arms.settings, arms.memory, arms.scene
+    work, answer = arms.work, arms.answer
     stage = prepare(robot, settings, memory, scene, nominal, work, answer, e)
     if stage == ANSWERED:
         return
     if stage == ASK:
-        propose(robot, settings, memory, scene, nominal, work, answer, e)
+        propose(arms, nominal, e)
     held = settle(robot, settings, memory, scene, nominal, work, answer, e)
     if held > 0:  # so many joints, from the base, have to go on with the stored stop; the others may do something else
-        propose_held(robot, settings, memory, nominal, held, work, answer, e)
+        propose_held(arms, nominal, held, e)
         settle_held(robot, settings, memory, work, answer, e)
+    if answer.told[e]["chosen"] > WANTED and not np.isnan(answer.told[e]["phi"]):
+        foresee(arms, e)
 
 
 @part
@@ -231,8 +231,6 @@ def _conclude(robot, settings, memory, work, answer, e):
     if not memory.arm[e]["verified"]:
         told["status"], told["unverified"] = codes.FAULT, True
     told["slack"] = np.nan
-    if not np.isnan(told["phi"]):
-        foresee(robot, settings, memory, answer.jerk[e], work, told, e)
 
 
 @jit

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.kernels.index import Index
 from jssa_gym.kernels.projection import scratch
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, STOP, TRACK, records
 
@@ -19,9 +18,6 @@ Floats = NDArray[np.float64]
 
 REMEMBERED = 32
 """Ticks by which a joint reading may lag and still be told so."""
-
-NONE, JSSA, PRINTED, FOREIGN = range(4)
-"""Who proposes a jerk: nobody, JSSA by exact rows or by those of the paper, or a filter that is not compiled."""
 
 
 class ArmRecord(NamedTuple):
@@ -40,7 +36,7 @@ class ArmRecord(NamedTuple):
 
 
 class StepSettings(NamedTuple):
-    """Numbers that never change: how the arm is looked after."""
+    """Numbers that never change: how the arm is looked after, whoever proposes."""
 
     dt: float
     """Control step [s]."""
@@ -48,18 +44,8 @@ class StepSettings(NamedTuple):
     """Whether nothing is applied that a verified stop does not follow."""
     viability: bool
     """Whether the box keeps the joint limits recoverable; else it is the jerk bounds."""
-    proposal: int
-    """Who proposes: ``NONE``, ``JSSA``, ``PRINTED`` or ``FOREIGN``."""
-    index: Index
-    """Parameters of the safety index."""
-    closest: bool
-    """Whether only the closest pair makes a row."""
     static_rows: bool
     """Whether static capsules and half-spaces make rows too."""
-    authority: float
-    """Pairs that the jerk bounds move by less make no rows [m²]."""
-    recovery: float
-    """Share of its authority by which an index above 0 has to fall in a step."""
     diagonal: bool
     """Whether V of Eq. (14) is diagonal."""
     weight: Floats
