@@ -12,10 +12,20 @@ from numba.extending import overload
 from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.vector import copy
 from jssa_gym.tick import codes
+from jssa_gym.tick.proposals.energy import (
+    BarrierRows,
+    SafeAcceleration,
+    SublevelRows,
+    barrier_rows,
+    safe_acceleration,
+    sublevel_rows,
+)  # fmt: skip
 from jssa_gym.tick.proposals.exact import ExactRows, after_exact, exact, look_ahead, people_ahead
+from jssa_gym.tick.proposals.fields import Repulsion, SlidingMode, repulsion, sliding_mode
 from jssa_gym.tick.proposals.nothing import Nothing, keep_nominal
 from jssa_gym.tick.proposals.printed import PrintedRows, after_printed, printed, unforeseen
-from jssa_gym.tick.proposals.rows import PROJECT, project
+from jssa_gym.tick.proposals.rows import PROJECT, after_rows, project
+from jssa_gym.tick.proposals.separation import Separation, separation
 
 
 @jit
@@ -50,6 +60,12 @@ KINDS: dict[type, Kind] = {
     Nothing: Kind(keep_nominal),
     ExactRows: Kind(exact, after_exact, meet=people_ahead, foresee=look_ahead, again=True),
     PrintedRows: Kind(printed, after_printed, foresee=unforeseen),
+    SafeAcceleration: Kind(safe_acceleration, again=True),
+    SublevelRows: Kind(sublevel_rows, after_rows, again=True),
+    BarrierRows: Kind(barrier_rows, after_rows, again=True),
+    Repulsion: Kind(repulsion, again=True),
+    SlidingMode: Kind(sliding_mode, again=True),
+    Separation: Kind(separation),
 }
 """The compiled filters, by the type of their parameters."""
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from picklable import Distant
 
 import jssa_gym
 from jssa_gym.exceptions import ParameterError
@@ -31,6 +32,8 @@ KINDS = {
     "weighted": lambda *args, **options: JSSAFilter(*args, weight=np.arange(1.0, 7.0), **options),
     "printed": lambda *args, **options: JSSAFilter(*args, gradient="printed", **options),
     "none": NoFilter,
+    # "stop" is "none" with layers of its own, the rest is above
+    **{name: FILTERS[name] for name in FILTERS if name not in ("none", "stop") and not name.startswith("jssa")},
 }
 LAYERS = {
     "bare": {},
@@ -164,15 +167,19 @@ def test_many_arms_decide_as_each_of_them_would_alone(robot, make_scene, kind, l
 
 
 @pytest.mark.parametrize("name", FILTERS)
-def test_a_batch_refuses_by_name_who_proposes_in_python(name, robot):
+def test_a_batch_takes_whatever_has_a_name_and_refuses_who_proposes_in_python(name, robot):
     chosen = make_filter(name, robot, DT)
-    if chosen.compiled:
-        assert Batch(chosen, 3, ("head",)).decide(np.zeros((3, 6))).jerk.shape == (3, 6)
-    else:
-        with pytest.raises(ParameterError, match=f"{type(chosen).__name__} proposes in Python"):
-            Batch(chosen, 3, ("head",))
+    assert Batch(chosen, 3, ("head",)).decide(np.zeros((3, 6))).jerk.shape == (3, 6)
+    own = type("Own", (type(chosen),), {"respond": lambda *_: None})
+    with pytest.raises(ParameterError, match="Own proposes in Python"):
+        Batch(own(robot, DT), 3, ("head",))
+
+
+def test_a_batch_refuses_a_projector_and_a_filter_that_are_not_compiled(robot):
     with pytest.raises(ParameterError, match="JSSAFilter proposes in Python"):
         Batch(JSSAFilter(robot, DT, projector="osqp"), 3, ("head",))
+    with pytest.raises(ParameterError, match="Distant proposes in Python"):
+        Batch(Distant(robot, DT), 3, ("head",))
 
 
 @pytest.mark.parametrize(
