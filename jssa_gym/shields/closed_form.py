@@ -9,7 +9,7 @@ from jssa_gym.safety.pairs import ROWS, Rows
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.tick.proposals.fields import Repulsion, SlidingMode
 from jssa_gym.tick.proposals.pairs import reported
-from jssa_gym.tick.proposals.separation import Separation
+from jssa_gym.tick.proposals.separation import ProtectiveDistance
 from jssa_gym.validation import known_name, number_within, positive_number, share
 
 
@@ -60,7 +60,9 @@ class PFMFilter(SafetyFilter):
     def proposal(self) -> Repulsion:
         """A repulsive force."""
         p = self.params
-        return Repulsion(reported(p.influence), p.influence, p.strength, p.damping, p.lag, p.rows == "closest")
+        return Repulsion(
+            reported(p.influence, 0.0, 0.0), p.influence, p.strength, p.damping, p.lag, p.rows == "closest"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,9 +161,9 @@ class SSMFilter(SafetyFilter):
     params: SSMParams
 
     @property
-    def proposal(self) -> Separation:
+    def proposal(self) -> ProtectiveDistance:
         """A protective distance."""
         p = self.params
         speed = np.nan if p.human_speed is None else p.human_speed
         terms = (speed, p.latency, p.intrusion, p.human_error, p.robot_error, p.hysteresis)
-        return Separation(reported(0.0), *map(float, terms))
+        return ProtectiveDistance(reported(0.0, 0.0, 0.0), *map(float, terms))

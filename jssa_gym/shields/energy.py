@@ -89,7 +89,7 @@ class SSAFilter(RowFilter):
     def proposal(self) -> SafeAcceleration:
         """Rows of the acceleration."""
         p = self.params
-        return SafeAcceleration(reported(p.d_min, p.lambda1), p.eta, p.rows == "closest")
+        return SafeAcceleration(reported(p.d_min, p.lambda1, 0.0), p.eta, p.rows == "closest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,4 +186,4 @@ class CBFFilter(RowFilter):
     def proposal(self) -> BarrierRows:
         """Rows of the distance's third derivative."""
         p = self.params
-        return BarrierRows(reported(p.d_min), p.k1, p.k2, p.k3, p.rows == "closest")
+        return BarrierRows(reported(p.d_min, 0.0, 0.0), p.k1, p.k2, p.k3, p.rows == "closest")

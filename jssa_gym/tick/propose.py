@@ -25,7 +25,7 @@ from jssa_gym.tick.proposals.fields import Repulsion, SlidingMode, repulsion, sl
 from jssa_gym.tick.proposals.nothing import Nothing, keep_nominal
 from jssa_gym.tick.proposals.printed import PrintedRows, after_printed, printed, unforeseen
 from jssa_gym.tick.proposals.rows import PROJECT, after_rows, project
-from jssa_gym.tick.proposals.separation import Separation, separation
+from jssa_gym.tick.proposals.separation import ProtectiveDistance, separation
 
 
 @jit
@@ -65,7 +65,7 @@ KINDS: dict[type, Kind] = {
     BarrierRows: Kind(barrier_rows, after_rows, again=True),
     Repulsion: Kind(repulsion, again=True),
     SlidingMode: Kind(sliding_mode, again=True),
-    Separation: Kind(separation),
+    ProtectiveDistance: Kind(separation),
 }
 """The compiled filters, by the type of their parameters."""
 

@@ -11,7 +11,7 @@ AUTHORITY = 5.0
 """Pairs that the jerk bounds move by less than this normal jerk make no rows [m/s³], as in JSSAFilter."""
 
 
-def reported(d_min: float, lambda1: float = 0.0, lambda2: float = 0.0) -> Index:
+def reported(d_min: float, lambda1: float, lambda2: float) -> Index:
     """The index that a filter reports, Eq. (6) without the sliding term; where a weight is 0 the term is not there."""
     return Index(float(d_min), float(lambda1), float(lambda2), False, 1.0, 0.0)
 

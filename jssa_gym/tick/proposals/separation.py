@@ -18,7 +18,7 @@ LONGEST = 5.0
 """A stop that takes longer than this is not followed to its end: no distance is enough for it [s]."""
 
 
-class Separation(NamedTuple):
+class ProtectiveDistance(NamedTuple):
     """A protective distance; fields as of :class:`~jssa_gym.shields.SSMParams`."""
 
     index: Index
