@@ -19,13 +19,20 @@ from jssa_gym.kernels.vector import cross, dot, put, subtract
 
 @jit
 def derivatives(links, capsules, state, agents, parameters, frames, segments, pairs, motion, rows, normals):
+    """:func:`pair_motion` with the parameters of the index as an array, shape (6,)."""
+    index = index_of(parameters)
+    return pair_motion(links, capsules, state, agents, index, frames, segments, pairs, motion, rows, normals)
+
+
+@jit
+def pair_motion(links, capsules, state, agents, index, frames, segments, pairs, motion, rows, normals):
     r"""Distances, their derivatives and the index of all pairs, row-major.
 
     Args:
         links, capsules: The robot, shape (n,) of ``LINK`` and (m,) of ``CAPSULE``.
         state: Joint state, shape (3, n) [rad, rad/s, rad/s²].
         agents: At the present, shape (k,) of ``AGENT``.
-        parameters: Of the index, shape (6,), without the sliding term.
+        index: Parameters, without the sliding term.
         frames, segments, pairs: Results, shape (n,) of ``FRAME``, (m,) of ``SEGMENT``, (m, k) of ``PAIR``.
         motion: Result, shape (m k, 4): D [m], its first and second derivative [m/s, m/s²] and the third at zero
             joint jerk [m/s³].
@@ -38,7 +45,6 @@ def derivatives(links, capsules, state, agents, parameters, frames, segments, pa
     forward(links, state, frames)
     place(frames, capsules, segments)
     measure_agents(segments, agents, pairs)
-    index = index_of(parameters)
     for i in range(segments.shape[0]):
         segment = segments[i]
         frame = frames[segment["link"]]

@@ -15,10 +15,6 @@ Rows = Literal["closest", "all"]
 """Which pairs a filter answers."""
 ROWS = ("closest", "all")
 
-_AUTHORITY = 5.0
-"""Pairs that the jerk bounds move by less than this normal jerk [m/s³] make no rows, as in JSSAFilter."""
-
-
 _NO_INDEX = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
 """Parameters of none: each filter has its own, and only the sliding term, left out here, would matter to the motion."""
 
@@ -44,17 +40,6 @@ class Pairs:
         r""":math:`\phi` of Eq. (6) of every pair, shape (p,) [m²]."""
         D, rate, curvature, _ = self.motion.T
         return d_min * d_min - D * np.abs(D) - lambda1 * rate - lambda2 * curvature
-
-    def watched(self, rows: Rows, limit: Array) -> NDArray[np.intp]:
-        """Numbers of the pairs that make rows: the closest, or all that the jerk bounds (n,) move noticeably."""
-        if rows == "closest":
-            return np.array([self.closest])
-        return np.flatnonzero(~(np.abs(self.rows) @ limit < _AUTHORITY))
-
-    def rate_of_index(self, numbers: NDArray[np.intp], lambda1: float, lambda2: float) -> Array:
-        """Rate of the index of some pairs at zero joint jerk [m²/s]."""
-        D, rate, curvature, drift = self.motion[numbers].T
-        return -2.0 * np.abs(D) * rate - lambda1 * curvature - lambda2 * drift
 
 
 def measure_pairs(robot: RobotModel, state: Array, people: NDArray) -> Pairs:

@@ -47,6 +47,12 @@ class Projector(ABC):
         self.weight = full
         self.diagonal = V if V.ndim == 1 else None
 
+    def metric(self) -> dict[str, Any]:
+        """V as fields of :class:`~jssa_gym.tick.layout.StepSettings`."""
+        diagonal = np.ones(self.n) if self.diagonal is None else self.diagonal.copy()
+        inverse = np.asarray(np.linalg.inv(self.weight), np.float64)
+        return {"diagonal": self.diagonal is not None, "weight": diagonal, "inverse": inverse}
+
     @abstractmethod
     def project(self, nominal: Array, rows: HalfSpaces, lower: Array, upper: Array) -> Projection:
         """Project ``nominal`` (n,) [rad/s³]; the answer's arrays are the caller's to keep."""

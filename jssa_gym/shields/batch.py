@@ -37,7 +37,7 @@ class Batch:
         if not filter.compiled:
             raise ParameterError(
                 f"{type(filter).__name__} proposes in Python, one arm at a time: give each arm a filter of its own "
-                "(compiled are 'jssa', 'jssa_near', 'jssa_published', 'stop' and 'none', with the exact projector)"
+                "(compiled are all that have a name, with the exact projector)"
             )
         count = positive_integer("count", count)
         robot, sizes, settings = filter.records.robot, (len(people), statics, planes), filter.settings()

@@ -3,29 +3,22 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from jssa_gym.kernels.projection import violation
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
-from jssa_gym.safety.pairs import ROWS, Pairs, Rows
+from jssa_gym.safety.pairs import ROWS, Rows
 from jssa_gym.safety.projectors import ExactProjector
-from jssa_gym.shields.pairs import PairFilter
-from jssa_gym.shields.tick import Tick
-from jssa_gym.types import Array, Decision, HalfSpaces, Status
+from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.tick.layout import StepSettings
+from jssa_gym.tick.proposals.energy import BarrierRows, SafeAcceleration, SublevelRows
+from jssa_gym.tick.proposals.pairs import reported
 from jssa_gym.validation import known_name, positive_number
 
-_UNBOUNDED = 1e6
-"""Acceleration bound of a method that knows none [rad/s²]."""
 
-_TOLERANCE = 1e-9
-"""Violation of a row by rounding [m²]."""
-
-
-class RowFilter(PairFilter):
-    """A filter that projects what is wanted onto the half-spaces of some pairs.
+class RowFilter(SafetyFilter):
+    """A filter that projects what is wanted onto the half-spaces of some pairs; decisions hold what is measured.
 
     Args:
         robot, dt, params, viability, failsafe: See :class:`~jssa_gym.shields.filter.SafetyFilter`.
@@ -49,16 +42,9 @@ class RowFilter(PairFilter):
         super().__init__(robot, dt, params, viability=viability, failsafe=failsafe)
         self._projector = ExactProjector(robot.n, weight)
 
-    def projected(self, tick: Tick, L: Array, S: Array, phi: float) -> Decision:
-        """The nearest jerk in box and rows; the nominal if it is there already."""
-        left = violation(L, S, len(S), tick.clipped)
-        if left <= 0.0:
-            return self.untouched(tick, phi)
-        jerk, feasible, left, _ = self._projector.project(tick.nominal, HalfSpaces(L, S), tick.lower, tick.upper)
-        if not left < np.inf:
-            return self.failed(tick, "the projection found no solution")
-        status, reason = (Status.PROJECTED, "safety rows") if feasible else (Status.RELAXED, "no jerk keeps all rows")
-        return self.decided(tick, jerk, status, reason, phi, left, len(S))
+    def settings(self) -> StepSettings:
+        """The numbers that the control step goes by."""
+        return super().settings()._replace(**self._projector.metric())
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,28 +85,11 @@ class SSAFilter(RowFilter):
     params_type = SSAParams
     params: SSAParams
 
-    def coefficients(self) -> tuple[float, float, float]:
-        return self.params.d_min, self.params.lambda1, 0.0
-
-    def answer(self, tick: Tick, pairs: Pairs, index: Array) -> Decision:
-        tau, now, watched = self.dt, tick.state[2], pairs.watched(self.params.rows, self.robot.limits.jerk)
-        phi = index[watched].max(initial=-np.inf)
-        active = watched[index[watched] >= 0.0]
-        L = tau * self.params.lambda1 * pairs.rows[active]
-        S = tau * (self.params.eta + self.rate_of_index(pairs, active)) + L @ now
-        count, wanted = len(S), now + tau * tick.clipped
-        if violation(L, S, count, wanted) <= 0.0:
-            return self.untouched(tick, phi)
-        unbounded = np.full(self.robot.n, _UNBOUNDED)
-        safe = self._projector.project(wanted, HalfSpaces(L, S), -unbounded, unbounded).jerk
-        jerk = np.clip((safe - now) / tau, tick.lower, tick.upper)
-        left = violation(L, S, count, now + tau * jerk)
-        if not left < np.inf:
-            return self.failed(tick, "the projection found no solution")
-        status, reason = Status.PROJECTED, "safety rows"
-        if left > _TOLERANCE:
-            status, reason = Status.RELAXED, "the jerk bounds cut off the safe acceleration"
-        return self.decided(tick, jerk, status, reason, phi, left, count)
+    @property
+    def proposal(self) -> SafeAcceleration:
+        """Rows of the acceleration."""
+        p = self.params
+        return SafeAcceleration(reported(p.d_min, p.lambda1, 0.0), p.eta, p.rows == "closest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,16 +132,11 @@ class SSSFilter(RowFilter):
     params_type = SSSParams
     params: SSSParams
 
-    def coefficients(self) -> tuple[float, float, float]:
-        return self.params.d_min, self.params.lambda1, self.params.lambda2
-
-    def answer(self, tick: Tick, pairs: Pairs, index: Array) -> Decision:
-        watched = pairs.watched(self.params.rows, self.robot.limits.jerk)
-        phi = index[watched]
-        active, above = watched[phi >= 0.0], phi[phi >= 0.0]
-        L = self.dt * self.params.lambda2 * pairs.rows[active]
-        S = self.dt * (self.params.c * above + self.rate_of_index(pairs, active))
-        return self.projected(tick, L, S, phi.max(initial=-np.inf))
+    @property
+    def proposal(self) -> SublevelRows:
+        """Rows of the index's rate."""
+        p = self.params
+        return SublevelRows(reported(p.d_min, p.lambda1, p.lambda2), p.c, p.rows == "closest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,17 +182,8 @@ class CBFFilter(RowFilter):
     params_type = CBFParams
     params: CBFParams
 
-    def coefficients(self) -> tuple[float, float, float]:
-        return self.params.d_min, 0.0, 0.0
-
-    def answer(self, tick: Tick, pairs: Pairs, index: Array) -> Decision:
-        watched, p = pairs.watched(self.params.rows, self.robot.limits.jerk), self.params
-        D, rate, curvature, drift = pairs.motion[watched].T
-        L = pairs.rows[watched]
-        S = -(
-            drift
-            + (p.k1 + p.k2 + p.k3) * curvature
-            + (p.k1 * p.k2 + p.k1 * p.k3 + p.k2 * p.k3) * rate
-            + p.k1 * p.k2 * p.k3 * (D - p.d_min)
-        )
-        return self.projected(tick, L, S, index.max())
+    @property
+    def proposal(self) -> BarrierRows:
+        """Rows of the distance's third derivative."""
+        p = self.params
+        return BarrierRows(reported(p.d_min, 0.0, 0.0), p.k1, p.k2, p.k3, p.rows == "closest")

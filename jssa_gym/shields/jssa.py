@@ -101,17 +101,7 @@ class JSSAFilter(SafetyFilter):
 
     def settings(self) -> layout.StepSettings:
         """The numbers that the control step goes by."""
-        V, diagonal = self._projector.weight, self._projector.diagonal
-        return (
-            super()
-            .settings()
-            ._replace(
-                static_rows=self.static_rows,
-                diagonal=diagonal is not None,
-                weight=np.ones(self.robot.n) if diagonal is None else diagonal.copy(),
-                inverse=np.asarray(np.linalg.inv(V), np.float64),
-            )
-        )
+        return super().settings()._replace(static_rows=self.static_rows, **self._projector.metric())
 
     def respond(self, tick: Tick) -> Decision:
         """The compiled step's rows, projected by whatever projector this filter has."""

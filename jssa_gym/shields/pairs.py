@@ -3,7 +3,6 @@
 from abc import abstractmethod
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jssa_gym.safety.pairs import Pairs
 from jssa_gym.shields.filter import SafetyFilter
@@ -47,11 +46,6 @@ class PairFilter(SafetyFilter):
     def foresee(self, decision: Decision, jerk: Array) -> tuple[float, float, tuple[int, int]]:
         """What is measured stays as it is."""
         return decision.phi, decision.distance, decision.pair
-
-    def rate_of_index(self, pairs: Pairs, numbers: NDArray[np.intp]) -> Array:
-        """Rate of the reported index of some pairs at zero joint jerk [m²/s]."""
-        _, lambda1, lambda2 = self.coefficients()
-        return pairs.rate_of_index(numbers, lambda1, lambda2)
 
     def untouched(self, tick: Tick, phi: float) -> Decision:
         """Nothing stands against the nominal but perhaps the box."""

@@ -6,8 +6,14 @@ NOMINAL, PROJECTED, RELAXED, FAILSAFE, FAULT = range(5)
 CLIPPED, UNRECOVERABLE, ROWS = 101, 102, 103
 """Outside the jerk bounds, outside the viability box, outside the safety rows."""
 
+TOO_CLOSE, WAITING, REPELLED, SLIDING = 104, 105, 106, 107
+"""Closer than the protective distance; waiting for more; a repulsive force; sliding mode."""
+
 INFEASIBLE, RECOVERING, CORNERED = 201, 202, 203
 """No jerk keeps all rows; the index falls as fast as asked for; no jerk keeps the joint limits."""
+
+CUT_OFF, IMMOVABLE = 204, 205
+"""The jerk bounds cut off the safe acceleration; no joint moves the pair."""
 
 LIMITS, UNDECIDED, REACH, MEETS = 301, 302, 303, 304
 """No stop within the joint limits; one that takes too many checks; somebody can reach the arm; it would meet something
@@ -29,8 +35,11 @@ TRUST = 410
 FOREIGN, FIXTURES, FAILED = 420, 421, 428
 """A filter that is not compiled says so itself; what stands still makes no rows; the control step failed."""
 
-ANSWER, UNSOLVED, INDEX, PRINTED_ROW, UNVERIFIED = 422, 423, 424, 426, 427
-"""The filter's answer is unfit; there is no projection; index or printed row are not finite; no verified stop."""
+ANSWER, UNSOLVED, UNVERIFIED = 422, 423, 427
+"""The filter's answer is unfit; there is no projection; no verified stop."""
+
+INDEX, DERIVATIVE, PRINTED_ROW = 424, 425, 426
+"""What is not finite: index, a distance or one of its derivatives, printed row."""
 
 FROZEN, LAGS, MOVING = 431, 432, 434
 """What is wrong with the joint state: it is the same again, of some ticks ago, in motion though unknown so far."""

@@ -295,5 +295,5 @@ def start(settings, memory, scene, work, e):
     if scene.now[e]["joints"] and measured(settings, scene.joints[e]):
         begin(settings, memory, scene.joints[e], e)
     forget_people(memory, e)
-    arm["fixed"] = False
+    arm["fixed"], arm["resume"] = False, np.nan
     replan(settings, memory, work, e)

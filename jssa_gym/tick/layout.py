@@ -95,6 +95,8 @@ MEMORY = np.dtype(
         ("step", np.int64),  # number of its ticks that are over
         ("verified", np.bool_),  # whether it is verified, or the arm rests inside its limits
         ("rests", np.bool_),  # whether it is over and has ended in rest
+        # the filter
+        ("resume", np.float64),  # distance from which an arm that it stopped goes on, NaN where it did not stop it [m]
         # the people's readings, and what stands still
         ("met", np.bool_),  # whether it is known who there is
         ("people_time", np.float64),  # of the last reading, -inf for none
@@ -272,6 +274,16 @@ class Work(NamedTuple):
     S: Floats
     owner: NDArray[np.int64]
     target: Floats
+    motion: Floats
+    """Distances now and their derivatives, shape (m k, 4) ..."""
+    pushes: Floats
+    """... what a joint jerk adds to the third of them, shape (m k, n) ..."""
+    normals: Floats
+    """... and their directions, shape (m k, 3); see :func:`~jssa_gym.kernels.derivatives.pair_motion`."""
+    needed: Floats
+    """Distances that are asked for, shape (m k,) [m]."""
+    own: Floats
+    """Scratch of the filter that proposes, shape (4, n)."""
     multipliers: Floats
     active: NDArray[np.int64]
     relief: Floats
@@ -303,7 +315,7 @@ def memory(arms: int, n: int, people: int, statics: int, planes: int) -> Memory:
     tracks["stamp"] = tracks["first"] = -np.inf
     arm = records(arms, MEMORY)
     arm["time"], arm["due"] = np.nan, -np.inf
-    arm["people_time"], arm["seen"] = -np.inf, np.nan
+    arm["people_time"], arm["seen"], arm["resume"] = -np.inf, np.nan, np.nan
     return Memory(
         arm=arm,
         state=np.zeros((arms, 3, n)),
@@ -378,6 +390,11 @@ def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_row
         S=np.zeros(rows),
         owner=np.zeros(rows, np.int64),
         target=np.zeros(rows),
+        motion=np.zeros((m * people, 4)),
+        pushes=np.zeros((m * people, n)),
+        normals=np.zeros((m * people, 3)),
+        needed=np.zeros(m * people),
+        own=np.zeros((4, n)),
         multipliers=multipliers,
         active=active,
         relief=relief,

@@ -12,11 +12,21 @@ from numba.extending import overload
 from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.vector import copy
 from jssa_gym.tick import codes
-from jssa_gym.tick.proposals.ahead import PredictedRows, after_ahead, ahead
+from jssa_gym.tick.proposals.ahead import PredictedRows, ahead
+from jssa_gym.tick.proposals.energy import (
+    BarrierRows,
+    SafeAcceleration,
+    SublevelRows,
+    barrier_rows,
+    safe_acceleration,
+    sublevel_rows,
+)  # fmt: skip
 from jssa_gym.tick.proposals.exact import ExactRows, after_exact, exact, look_ahead, people_ahead
+from jssa_gym.tick.proposals.fields import Repulsion, SlidingMode, repulsion, sliding_mode
 from jssa_gym.tick.proposals.nothing import Nothing, keep_nominal
 from jssa_gym.tick.proposals.printed import PrintedRows, after_printed, printed, unforeseen
-from jssa_gym.tick.proposals.rows import PROJECT, project
+from jssa_gym.tick.proposals.rows import PROJECT, after_rows, project
+from jssa_gym.tick.proposals.separation import ProtectiveDistance, separation
 
 
 @jit
@@ -50,8 +60,14 @@ class Kind(NamedTuple):
 KINDS: dict[type, Kind] = {
     Nothing: Kind(keep_nominal),
     ExactRows: Kind(exact, after_exact, meet=people_ahead, foresee=look_ahead, again=True),
-    PredictedRows: Kind(ahead, after_ahead, again=True),
+    PredictedRows: Kind(ahead, after_rows, again=True),
     PrintedRows: Kind(printed, after_printed, foresee=unforeseen),
+    SafeAcceleration: Kind(safe_acceleration, again=True),
+    SublevelRows: Kind(sublevel_rows, after_rows, again=True),
+    BarrierRows: Kind(barrier_rows, after_rows, again=True),
+    Repulsion: Kind(repulsion, again=True),
+    SlidingMode: Kind(sliding_mode, again=True),
+    ProtectiveDistance: Kind(separation),
 }
 """The compiled filters, by the type of their parameters."""
 
@@ -131,10 +147,16 @@ def meet_people(arms, e):
 def leaves_alone(arms, jerk, told, e):
     """Whether the filter would apply ``jerk`` (n,), which ``work.clipped`` is, as it is."""
     begin(arms.work, told)
+    arm = arms.memory.arm[e]
+    resume = arm["resume"]
     code = proposed(arms.proposal)(
         arms.robot, arms.settings, arms.proposal, arms.memory, jerk, arms.work, told, e
     )  # fmt: skip
-    return code == 0 and told["rows"] == 0
+    alone = code == 0 and told["rows"] == 0
+    if not alone:
+        # what is not applied has stopped nobody
+        arm["resume"] = resume
+    return alone
 
 
 @part

@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from monitors import Unsolvable
+from picklable import Distant
 
 import jssa_gym
 from jssa_gym.humans import ApproachRetreat, RandomWalk
@@ -204,15 +205,16 @@ def test_a_scene_that_cannot_be_had_brakes() -> None:
     assert np.abs(arm.acceleration).max() < 1e-6
 
 
-MACHINERY = {"jssa": ("loop.decide_all", "Reading.read"), "cbf": ("loop.prepare", "loop.settle")}
+MACHINERY = {JSSAFilter: ("loop.decide_all", "Reading.read"), Distant: ("loop.prepare", "loop.settle")}
 """What a control step is made of, for a compiled filter and for one that is not."""
 
 
-@pytest.mark.parametrize(("name", "what"), [(name, what) for name, parts in MACHINERY.items() for what in parts])
+@pytest.mark.parametrize(("kind", "what"), [(kind, what) for kind, parts in MACHINERY.items() for what in parts])
 @pytest.mark.parametrize("stop", [True, False])
-def test_machinery_that_fails_is_no_bad_scene(name, what, stop, monkeypatch, caplog) -> None:
+def test_machinery_that_fails_is_no_bad_scene(kind, what, stop, monkeypatch, caplog) -> None:
     env = gym.make("jssa_gym/Home-v0", human="none", terminate_on=())
-    env = Shield(env, name, stop=stop)
+    assumed = FailsafeParams() if stop else None
+    env = Shield(env, kind(env.unwrapped.robot, env.unwrapped.dt, viability=stop, failsafe=assumed))
     env.reset(seed=0)
     for _ in range(10):
         assert env.step(np.full(6, 0.2))[4]["shield/status"] == Status.NOMINAL
@@ -258,12 +260,12 @@ class Nameless:
         raise ZeroDivisionError("nameless")
 
 
-@pytest.mark.parametrize("name", ["jssa", "cbf"])
-def test_a_name_that_cannot_be_said_changes_nothing_but_the_reason(name, robot, make_scene) -> None:
+@pytest.mark.parametrize("kind", MACHINERY)
+def test_a_name_that_cannot_be_said_changes_nothing_but_the_reason(kind, robot, make_scene) -> None:
     """The stop goes on by one tick and no more: what is decided is decided, whatever can be said of it."""
     answers = []
     for wall in ("wall", Nameless()):
-        filter = make_filter(name, robot, 0.008, viability=True, failsafe=FailsafeParams())
+        filter = kind(robot, 0.008, viability=True, failsafe=FailsafeParams())
         planes = Planes(np.array([[-1.0, 0.0, 0.0]]), np.array([-0.9]), (wall,))
         state, seen = np.array([robot.home, np.zeros(6), np.zeros(6)]), []
         filter.reset(make_scene(state))

@@ -328,7 +328,7 @@ def test_ssm_nobody_farther_than_the_protective_distance_meets_the_moving_arm(ro
     for scene, jerk in scenes(random_scene, 2, seed=seed, near=0.9, motion=0.3):
         jerk = 0.5 * jerk
         chosen.decide(scene, jerk)
-        needed = chosen.protective_distance(chosen._tick(scene, jerk), jerk).reshape(5, 6)
+        needed = chosen.records.work.needed.reshape(5, 6)
         path, stopping = ends_along_the_stop(robot, scene, jerk)
         human = scene.human
         for i, j in np.ndindex(5, 6):
@@ -353,7 +353,7 @@ def test_ssm_at_rest_by_hand(robot, make_scene):
     def needed(**values):
         chosen = make_filter("ssm", robot, DT, params=SSMParams(**values))
         chosen.decide(scene, np.zeros(6))
-        return chosen.protective_distance(chosen._tick(scene, np.zeros(6)), np.zeros(6))
+        return chosen.records.work.needed
 
     np.testing.assert_allclose(needed(), 1.6 * 0.008, rtol=1e-12)
     errors = {"intrusion": 0.02, "human_error": 0.03, "robot_error": 0.004}

@@ -11,7 +11,7 @@ from jssa_gym.kernels.projection import violation
 from jssa_gym.kernels.stopping import plan_stop
 from jssa_gym.kernels.verification import StepAndStop
 from jssa_gym.tick import codes
-from jssa_gym.tick.proposals.rows import PROJECT, of_rows
+from jssa_gym.tick.proposals.rows import PROJECT
 
 
 class PredictedRows(NamedTuple):
@@ -42,9 +42,3 @@ def ahead(robot, settings, proposal, memory, nominal, work, told, e):
         return 0
     told["rows"] = count
     return PROJECT
-
-
-@jit
-def after_ahead(robot, settings, proposal, memory, nominal, work, told, e):
-    """What became of the rows; they are linear in the jerk, once is enough."""
-    return codes.UNSOLVED if np.isnan(told["slack"]) else of_rows(told)

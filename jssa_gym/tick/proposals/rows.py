@@ -32,3 +32,9 @@ def of_rows(told):
     if told["rows"] == 0:
         return 0
     return codes.RECOVERING if told["recovering"] else codes.ROWS
+
+
+@jit
+def after_rows(robot, settings, proposal, memory, nominal, work, told, e):
+    """One projection is all there is; what became of the rows, as a code."""
+    return of_rows(told) if told["slack"] < np.inf else codes.UNSOLVED
