@@ -490,9 +490,16 @@ MUTANTS = [
     Mutant(
         "an alternative that the filter would change",
         "tick/propose.py",
-        'return code == 0 and told["rows"] == 0',
-        "return True",
+        'alone = code == 0 and told["rows"] == 0',
+        "alone = True",
         (OFFERS, "would_change"),
+    ),
+    Mutant(
+        "an offer that is passed over stops the arm",
+        "tick/propose.py",
+        'arm["resume"] = resume',
+        "pass",
+        (OFFERS, "stops_nobody"),
     ),
     Mutant(
         "an alternative outside the box",

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from monitors import keeps_safe
 from numba import njit
+from strollers import ball
 
 import jssa_gym
 from jssa_gym.exceptions import InterfaceError, ParameterError
@@ -94,6 +95,25 @@ def test_what_a_filter_would_change_is_not_applied():
         seen.add((Status(info["shield/status"]).name, info["shield/kind"]))
     assert ("NOMINAL", "alternative") in seen
     assert seen & {("PROJECTED", "projected"), ("RELAXED", "projected")}
+
+
+def test_an_offer_that_is_passed_over_stops_nobody(robot, make_scene):
+    """Where the nominal keeps the protective distance and a faster jerk does not, an offer of the latter is nothing."""
+    nominal, offer = np.zeros(robot.n), robot.limits.jerk
+    state = np.array([robot.home, 0.9 * robot.limits.velocity, np.zeros(robot.n)])
+    passed_over = 0
+    for gap in np.arange(0.5, 3.5, 2e-3):
+        scene = make_scene(state, ball((gap, 0.0, 1.0)))
+        alone, offered, faster = (make_filter("ssm", robot, 0.008) for _ in range(3))
+        for filter in (alone, offered, faster):
+            filter.reset(scene)
+        expected = alone.decide(scene, nominal)
+        if expected.status == Status.NOMINAL != faster.decide(scene, offer).status:
+            decision = offered.decide(scene, nominal, Straying(offer[None]))
+            assert (decision.status, decision.kind, decision.choice) == (Status.NOMINAL, "nominal", -1)
+            assert np.array_equal(decision.jerk, expected.jerk)
+            passed_over += 1
+    assert passed_over
 
 
 def test_what_would_be_known_of_nobody_is_a_fault(robot):
