@@ -525,8 +525,8 @@ MUTANTS = [
     Mutant(
         "slowdown: goals that were left again count",
         "evaluation/slowdown.py",
-        "np.where(known & stayed,",
-        "np.where(known,",
+        "np.where(could & done,",
+        "np.where(could,",
         ("tests/evaluation/test_slowdown.py", "left_again"),
     ),
     Mutant(
