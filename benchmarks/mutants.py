@@ -31,6 +31,7 @@ HELD = "tests/shields/test_held_joints.py"
 CLOSED = "tests/shields/test_fail_closed.py"
 OFFERS = "tests/shields/test_offers.py"
 MARGIN = "tests/kernels/test_margin.py"
+MOVED = "tests/evaluation/test_motion.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -77,6 +78,12 @@ def _joints(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
 
 def _monitor(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
     return Mutant(name, "tick/joints.py", old, new, tests)
+
+
+def _jumps(name, old, new):
+    return Mutant(
+        name, "evaluation/motion.py", old, new, (MOVED, "test_jumps_are or jerk_that or what_is or own_bound")
+    )
 
 
 def _filter(name, old, new, tests=FAULTS):
@@ -577,6 +584,66 @@ MUTANTS = [
         "until = t + motion.dt + length / _MOMENTS",
         "until = t",
         (MARGIN, "formula"),
+    ),
+    # how the arm moves and how long it takes, as it is told
+    _jumps("wanted and applied jerks swapped", "jumps, wanted = _jumps", "wanted, jumps = _jumps"),
+    _jumps("jumps: wanted jerk not clipped", "np.clip(nominal, -bound, bound)", "nominal"),
+    _jumps("jumps: only upwards", "np.abs(np.diff(jerk, axis=0))", "np.diff(jerk, axis=0)"),
+    _jumps("jumps: from rest into the first step", "np.diff(jerk, axis=0)", "np.diff(jerk, axis=0, prepend=0.0)"),
+    _jumps("jumps: of all joints together", "np.any(", "np.all("),
+    _jumps("jumps: one bound for all joints", "> bound * (1.0 + _ROUNDING)", "> bound.max() * (1.0 + _ROUNDING)"),
+    _jumps("jumps: by rounding alone", "bound * (1.0 + _ROUNDING)", "bound"),
+    _jumps(
+        "jumps: policy's told as the shield's", "jumps & wanted, jumps & ~wanted", "jumps & ~wanted, jumps & wanted"
+    ),
+    Mutant(
+        "jumps of what was asked for, not applied",
+        "evaluation/metrics.py",
+        "jerk_jumps(trace.jerk, trace.nominal, limits.jerk)",
+        "jerk_jumps(trace.nominal, trace.jerk, limits.jerk)",
+        ("tests/evaluation/test_evaluation.py", "summary_by_hand"),
+    ),
+    Mutant(
+        "switches a step, not a second",
+        "evaluation/steps.py",
+        "int((np.diff(steps.status) != 0).sum()) / (count * dt)",
+        "int((np.diff(steps.status) != 0).sum()) / count",
+        (MOVED, "switches"),
+    ),
+    Mutant(
+        "switches away from NOMINAL alone",
+        "evaluation/steps.py",
+        "(np.diff(steps.status) != 0)",
+        "(np.diff(steps.status) > 0)",
+        (MOVED, "switches"),
+    ),
+    Mutant(
+        "slowdown upside down",
+        "evaluation/slowdown.py",
+        "here / there",
+        "there / here",
+        (MOVED, "goal_by_goal"),
+    ),
+    Mutant(
+        "slowdown: goals that were left again count",
+        "evaluation/slowdown.py",
+        "np.where(could & done,",
+        "np.where(could,",
+        ("tests/evaluation/test_slowdown.py", "left_again"),
+    ),
+    Mutant(
+        "Home's goals have a time to them",
+        "evaluation/leaderboard.py",
+        "if one.task not in TASKS or TASKS[one.task].ends",
+        "if True",
+        (MOVED, "held_from_the_beginning"),
+    ),
+    Mutant(
+        "episodes are compared with others",
+        "evaluation/leaderboard.py",
+        "if [_trial(one) for one in report.episodes] != [_trial(one) for one in first.episodes]:",
+        "if False:",
+        (MOVED, "nothing_to_compare_with"),
     ),
 ]
 
