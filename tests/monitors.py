@@ -16,6 +16,7 @@ from jssa_gym.shields.reading import Reading
 from jssa_gym.shields.records import Records
 from jssa_gym.shields.words import Told, _fault
 from jssa_gym.tick import admit, joints, layout, loop, people
+from jssa_gym.tick.assumed import Assumed
 from jssa_gym.types import CapsuleSet, Planes, Scene
 
 _NO_PLANES = Planes(np.zeros((0, 3)), np.zeros(0), ())
@@ -71,7 +72,7 @@ class JointMonitor:
     def __init__(self, bounds, dt, tolerance):
         self.records = _records(bounds.shape[1], np.array(bounds), dt, np.array(tolerance), 0.0, 0.2)
         exact = bool(np.any(tolerance == 0.0))
-        self.reading = Reading(self.records, False, exact, False, lambda names: np.zeros((3, 0)))
+        self.reading = Reading(self.records, False, exact, False, lambda names: Assumed(*np.zeros((2, 0, 2)), *np.zeros((2, 0))))
         self.reset(None)
 
     @property
@@ -134,8 +135,8 @@ class HumanMonitor:
         self.reset()
 
     def _assumed(self, names):
-        speed = np.broadcast_to(np.asarray(self.speed, float), len(names))
-        return speed, speed, np.zeros(len(names))
+        speed = np.repeat(np.broadcast_to(np.asarray(self.speed, float), len(names))[:, None], 2, axis=1)
+        return Assumed(speed, speed, *np.zeros((2, len(names))))
 
     def reset(self):
         self.reading.forget()

@@ -16,6 +16,7 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.tick import loop
+from jssa_gym.tick.assumed import Assumed
 from jssa_gym.tick.layout import StepSettings
 from jssa_gym.types import Array, CapsuleSet, Decision, Scene
 from jssa_gym.validation import known_name
@@ -88,9 +89,9 @@ def _ticks(env: gym.Env, time: float) -> int:
 class _SlowPeople(JSSAFilter):
     """Believes that people are slow to come; what it believes of their measurements is left alone."""
 
-    def assumed(self, names: Sequence[str]) -> tuple[Array, Array, Array]:
-        speed, growth, touch = super().assumed(names)
-        return speed, np.minimum(growth, _SLOW), touch
+    def assumed(self, names: Sequence[str]) -> Assumed:
+        assumed = super().assumed(names)
+        return assumed._replace(growth=np.minimum(assumed.growth, _SLOW))
 
 
 class _OffByOne(JSSAFilter):

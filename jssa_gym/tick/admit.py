@@ -9,6 +9,7 @@ import numpy as np
 
 from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.motion import integrate, make_representable, representable
+from jssa_gym.kernels.occupancy import confine_people
 from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk
 from jssa_gym.kernels.vector import copy, copy_rows
 from jssa_gym.kernels.verification import (
@@ -76,7 +77,8 @@ def keeps_safe(robot, settings, memory, jerk, work, e):
         return LIMITS, -1, -1, 0.0
     motion = StepAndStop(state, jerk, work.after, work.next, settings.dt)
     around = Around(
-        work.grown, work.reach, memory.growth[e], memory.touch[e], memory.statics[e], memory.planes[e], settings.astray
+        work.grown, work.reach, memory.growth[e], memory.touch[e], work.confined, memory.statics[e], memory.planes[e],
+        settings.astray,
     )  # fmt: skip
     return keeps_clear(robot, motion, ticks, around, work)
 
@@ -125,6 +127,9 @@ def confirm(robot, settings, memory, work, answer, e):
         work.people[0], work.people[1], work.radius, memory.growth[e], work.age, settings.lag,
         settings.position_error + settings.astray, work.grown, work.reach,
     )  # fmt: skip
+    confine_people(
+        work.people, work.age, settings.lag, settings.position_error + settings.astray, memory.tracks[e], work.confined
+    )
     which, code, row, column, moment = choose(robot, settings, memory, answer.jerk[e], work.jerk, work, e)
     told["detail"], told["capsule"], told["other"], told["moment"] = code, row, column, moment
     told["chosen"] = which
