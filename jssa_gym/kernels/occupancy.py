@@ -8,8 +8,9 @@ the ball of the interpolated centre and radius.
   set is the hull of two balls of different radius, and its gap is not at the closest point of the axis; the capsule is
   split into pieces, each of which grows as fast as its faster end.
 * **Swerving**: a point measured at p with velocity v, known to :math:`\varepsilon_v`, that accelerates by at most
-  :math:`\hat a`, is at time t in the ball around p + v t of radius :math:`\varepsilon_p + \varepsilon_v t + \hat a t^2/2`.
-  These balls do not contain each other, so that a time known only to lie in an interval takes a ball around its middle.
+  :math:`\hat a`, is at time t in the ball around p + v t of radius
+  :math:`\varepsilon_p + \varepsilon_v t + \hat a t^2/2`. These balls do not contain each other, so that a time known
+  only to lie in an interval takes a ball around its middle.
 """
 
 import numpy as np

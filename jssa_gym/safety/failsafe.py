@@ -33,8 +33,8 @@ LIMB_PARTS = ("arm", "elbow", "wrist", "hand", "palm", "fist", "finger", "thumb"
 wrist of a body is a wrist."""
 
 ARM_SPEEDS: Mapping[str, tuple[float, float]] = {"right_arm": (1.6, 2.0), "left_arm": (1.6, 2.0)}
-"""For ``FailsafeParams(end_speeds=...)``: the arms of this package's own people, which begin at the shoulder; a shoulder
-walks, a hand may reach [m/s], ISO 13855. Only for measurements that name start and end the same way round."""
+"""For ``FailsafeParams(end_speeds=...)``: the arms of this package's own people, which begin at the shoulder; that
+walks, a hand may reach [m/s], ISO 13855. Only for measurements that have start and end the same way round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ class FailsafeParams:
         return cls(**values)
 
     def speed_of(self, part: str) -> float:
-        """Speed bound of a body part without :attr:`end_speeds` [m/s]: the limbs' unless its name says that it is none."""
+        """Speed bound of a body part [m/s], ``end_speeds`` aside: the limbs' unless its name says that it is none."""
         name = part.casefold()
         known = any(slow in name for slow in SLOW_PARTS) and not any(limb in name for limb in LIMB_PARTS)
         return self.human_speed if known else max(self.limb_speed, self.human_speed)
@@ -130,7 +130,8 @@ class FailsafeParams:
     def end_speeds_of(self, part: str) -> tuple[float, float]:
         """Speed bounds of start and end of a body part's capsule [m/s]."""
         known = self.end_speeds or {}
-        return known[part] if part in known else (self.speed_of(part),) * 2
+        same = self.speed_of(part)
+        return known.get(part, (same, same))
 
     def acceleration_of(self, part: str) -> float:
         """Acceleration bound of a body part [m/s²]; 0 if there is none."""

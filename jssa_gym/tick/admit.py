@@ -123,13 +123,12 @@ def confirm(robot, settings, memory, work, answer, e):
         still the first.
     """
     told, n = answer.told[e], answer.jerk.shape[1]
+    error = settings.position_error + settings.astray
     load_people(
-        work.people[0], work.people[1], work.radius, memory.growth[e], work.age, settings.lag,
-        settings.position_error + settings.astray, work.grown, work.reach,
+        work.people[0], work.people[1], work.radius, memory.growth[e], work.age, settings.lag, error,
+        work.grown, work.reach,
     )  # fmt: skip
-    confine_people(
-        work.people, work.age, settings.lag, settings.position_error + settings.astray, memory.tracks[e], work.confined
-    )
+    confine_people(work.people, work.age, settings.lag, error, memory.tracks[e], work.confined)
     which, code, row, column, moment = choose(robot, settings, memory, answer.jerk[e], work.jerk, work, e)
     told["detail"], told["capsule"], told["other"], told["moment"] = code, row, column, moment
     told["chosen"] = which
