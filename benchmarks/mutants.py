@@ -27,6 +27,8 @@ PEERS = "[ssa or -ssa or sss or cbf or pfm or sma or ssm or [stop or -stop"
 KERNELS = "tests/kernels/test_verification.py"
 FILTERS = "tests/shields/test_failsafe.py"
 JOINTS = "tests/tick/test_joints.py"
+PEOPLE = "tests/tick/test_people.py"
+CLOSER = "tests/kernels/test_occupancy.py"
 HELD = "tests/shields/test_held_joints.py"
 CLOSED = "tests/shields/test_fail_closed.py"
 OFFERS = "tests/shields/test_offers.py"
@@ -54,6 +56,10 @@ class Mutant(NamedTuple):
 
 def _kernel(name, old, new, tests=MOTION):
     return Mutant(name, "kernels/verification.py", old, new, tests)
+
+
+def _closer(name, old, new, tests=(CLOSER, "pieces or swerve or nobody")):
+    return Mutant(name, "kernels/occupancy.py", old, new, tests)
 
 
 def _admit(name, old, new, tests=ASSUMPTIONS):
@@ -300,8 +306,8 @@ MUTANTS = [
     _filter("max_age ignored", "max_age=assumed.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
     _admit(
         "no margin to what stands",
-        "memory.planes[e], settings.astray\n",
-        "memory.planes[e], 0.0\n",
+        "        settings.astray,\n",
+        "        0.0,\n",
         (FILTERS, "tracking"),
     ),
     Mutant(
@@ -321,9 +327,38 @@ MUTANTS = [
     Mutant(
         "jumps are believed",
         "kernels/people.py",
-        "if not _within(ends, j, radius, track, allowed):",
+        "if not _within(ends, j, radius, track, elapsed, error):",
         "if False:",
         (FILTERS, "jumping"),
+    ),
+    _closer("grown by the slower end", "less = min(", "less = max("),
+    _closer("age left out of a taper", 'less * one["late"]', 'less * (one["late"] + 0.1)'),
+    _closer("a taper's error dropped", "(gap - (reach - ", "(gap - (reach * 0.0 - "),
+    _closer("velocity error dropped", ' + one["velocity_error"] * longest', ""),
+    _closer("age left out of a swerve", "t + late / 2.0, t + late", "t, t"),
+    _closer("when it was measured is known", ' + one["speed"] * late / 2.0', ""),
+    _closer("acceleration not in the closing speed", ' + one["velocity_error"] + a * longest', ""),
+    _closer("nobody has to keep the acceleration", ' if track["steady"] == STEADY else 0.0', "", (CLOSER, "granted")),
+    Mutant(
+        "one bound for both ends' measurements",
+        "kernels/people.py",
+        'allowed = track["speed"][row] * elapsed',
+        'allowed = max(track["speed"][0], track["speed"][1]) * elapsed',
+        (PEOPLE, "own_speed"),
+    ),
+    Mutant(
+        "swerves are forgiven",
+        "kernels/people.py",
+        'track["steady"] = SWERVED',
+        'track["steady"] = UNCONFIRMED',
+        (PEOPLE, "swerved"),
+    ),
+    Mutant(
+        "places of swerves not looked at",
+        "kernels/people.py",
+        " and dot(way, way) <= drift * drift",
+        "",
+        (PEOPLE, "swerved"),
     ),
     Mutant(
         "a frozen source is believed",

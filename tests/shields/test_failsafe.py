@@ -874,6 +874,10 @@ def test_a_contact_speed_is_for_one_part_only(robot, make_scene):
         ({"actuation_lag": "x"}, "actuation_lag"), ({"contact_speed": -1.0}, "contact_speed"),
         ({"contact_speed": np.inf}, "contact_speed"),
         ({"contact_speed": {"head": np.nan}}, "head"), ({"contact_speed": None}, "contact_speed"),
+        ({"end_speeds": {"arm": (1.6, 0.0)}}, "end_speeds"), ({"end_speeds": {"arm": 2.0}}, "arm"),
+        ({"end_speeds": {"arm": (1.0, np.nan)}}, "arm"), ({"end_speeds": [1.6, 2.0]}, "end_speeds"),
+        ({"human_acceleration": 0.0}, "human_acceleration"), ({"velocity_error": -0.1}, "velocity_error"),
+        ({"human_acceleration": {"head": np.inf}}, "head"), ({"human_acceleration": "x"}, "human_acceleration"),
     ],
 )  # fmt: skip
 def test_assumptions_that_are_none_are_refused(options, word):
