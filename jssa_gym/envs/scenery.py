@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.kernels.people import CLAIMS_MOTION, STAMP_ROUNDING
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.failsafe import LIMB_PARTS, SLOW_PARTS, FailsafeParams
+from jssa_gym.safety.failsafe import FOOT_PARTS, LIMB_PARTS, SLOW_PARTS, FailsafeParams
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes, Scene
 
 _CLOCK = 1e-6
@@ -186,7 +186,7 @@ def _names(scenes: Sequence[Scene], params: FailsafeParams) -> Iterator[Trouble]
     if not scenes:
         return
     people = scenes[0].human
-    known = (*SLOW_PARTS, *LIMB_PARTS)
+    known = (*SLOW_PARTS, *LIMB_PARTS, *FOOT_PARTS)
     unknown = [name for name in dict.fromkeys(people.names) if not any(part in name.casefold() for part in known)]
     if unknown:
         text = (

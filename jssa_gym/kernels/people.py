@@ -107,14 +107,14 @@ def _judge(time, ends, j, radius, age, valid, person, error, track):
         if stamp < track["stamp"] - STAMP_ROUNDING:
             return max(verdict, OLDER)
         elapsed = max(stamp - track["stamp"], 0.0)
-        if track["acceleration"] > 0.0:
-            if _swerves(ends, j, radius, track, elapsed, error):
-                # who has broken the bound once is not granted it again
-                track["steady"] = SWERVED
-            elif elapsed > 0.0 and track["steady"] == UNCONFIRMED:
-                track["steady"] = STEADY
+        if track["acceleration"] > 0.0 and _swerves(ends, j, radius, track, elapsed, error):
+            # who has broken the bound once is not granted it again
+            track["steady"] = SWERVED
         if not _within(ends, j, radius, track, elapsed, error):
             return JUMPED
+        # neither a sample that is not believed confirms anything nor one of the same moment
+        if track["acceleration"] > 0.0 and track["steady"] == UNCONFIRMED and elapsed > STAMP_ROUNDING:
+            track["steady"] = STEADY
     for row in range(4):
         for k in range(3):
             track["trusted"][row, k] = ends[row, j, k]

@@ -1,13 +1,20 @@
 """What a shield needs of an environment: robot, time step and scene, and actions that are shares of the jerk bounds."""
 
+import logging
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from jssa_gym.exceptions import InterfaceError
+from jssa_gym.humans import HumanMotion, Recorded, make_human
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields.filter import SafetyFilter
+
+_logger = logging.getLogger("jssa_gym")
+
+_ROUNDING = 1.0 + 1e-9
 
 
 def provider(env: gym.Env, name: str) -> Any:
@@ -61,3 +68,34 @@ def _same_robot(one: RobotModel, other: RobotModel) -> bool:
         and one.capsules.tobytes() == other.capsules.tobytes()
         and np.array_equal(one.limits.bounds(), other.limits.bounds())
     )
+
+
+def tell_of_fast_people(env: gym.Env, params: FailsafeParams) -> None:
+    """Say aloud if an environment's people may be faster than a shield assumes: it would not believe its measurements.
+
+    Of a recording every end of a capsule is compared with its own bound; of other motions no more is known than how
+    fast the fastest point is, which is compared with the fastest of the bounds.
+    """
+    motion = vars(env.unwrapped).get("human")
+    if not isinstance(motion, HumanMotion):
+        return
+    names = make_human(motion).reset(np.random.default_rng(0)).names
+    bounds = np.array([params.end_speeds_of(name) for name in names], np.float64).reshape(-1, 2)
+    if isinstance(motion, Recorded):
+        speeds = motion.recording.end_speeds
+        worst = (speeds / bounds).argmax(axis=1)
+        faster = [
+            f"{name} moves at {speed[k]:.3g} m/s, {bound[k]:g} m/s is assumed"
+            for name, speed, bound, k in zip(names, speeds, bounds, worst, strict=True)
+            if speed[k] > bound[k] * _ROUNDING
+        ]
+    else:
+        fastest, most = getattr(motion, "speed_bound", 0.0), bounds.max(initial=0.0)
+        told = f"people may move at {fastest:.3g} m/s, {most:g} m/s is assumed"
+        faster = [told] if fastest > most * _ROUNDING else []
+    if faster:
+        _logger.warning(
+            "%s: the shield does not believe measurements of faster people, and stops for them too late. "
+            "FailsafeParams has human_speed, limb_speed, foot_speed and end_speeds.",
+            "; ".join(faster),
+        )

@@ -2,11 +2,15 @@
 
 import json
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import reference as ref
 
-from jssa_gym.safety.failsafe import ARM_SPEEDS, FailsafeParams
+import jssa_gym
+from jssa_gym.humans import Body, Hand, Recorded, Recording
+from jssa_gym.humans.body import NAMES
+from jssa_gym.safety.failsafe import ARM_SPEEDS, LEG_SPEEDS, FailsafeParams
 from jssa_gym.shields import NoFilter
 from jssa_gym.tick import layout
 from jssa_gym.tick.assumed import assume
@@ -92,6 +96,54 @@ def test_without_closer_bounds_nothing_is_confined(robot):
     assert not memory.tracks["slower"].any()
     assume(memory, NoFilter(robot, DT, failsafe=ENDS).assumed(("head", "left_arm")))
     np.testing.assert_allclose(memory.tracks["slower"], [[[0.0, 0.0], [1.5, 0.0]]] * 3)
+
+
+# ---- feet that swing ------------------------------------------------------------------------------------
+
+
+def walker(names=NAMES, fastest=3.5):
+    """Somebody who walks past; the right foot swings at up to ``fastest`` m/s, the hip does not."""
+    time, body = np.linspace(0.0, 4.0, 201), Body.facing()
+    root = np.array([1.8, -2.0, 0.0]) + 1.0 * time[:, None] * np.array([0.0, 1.0, 0.0])
+    start, end = root[:, None] + body.start, root[:, None] + body.end
+    end[:, 4, 1] += (fastest - 1.0) / 8.0 * np.sin(8.0 * time)
+    return Recorded(Recording(time, start, end, body.radius, names), turn=(0.0, 0.0), offset=((0.0, 0.0), (0.0, 0.0)))
+
+
+FOOT = tuple("right_foot" if name == "right_leg" else name for name in NAMES)
+
+
+@pytest.mark.parametrize(
+    ("names", "params", "believed"),
+    [
+        (NAMES, PARAMS, False),
+        (FOOT, PARAMS, True),
+        (FOOT, FailsafeParams(foot_speed=1.7), False),
+        (NAMES, FailsafeParams(end_speeds=LEG_SPEEDS), True),
+        (NAMES, FailsafeParams(end_speeds={"right_leg": (4.8, 1.6)}), False),
+    ],
+    ids=["a leg", "a foot", "a slow foot", "a leg by its ends", "upside down"],
+)
+def test_feet_that_swing_are_believed_if_they_are_said_to_be_feet(names, params, believed, caplog):
+    """Or else they are no feet: said at once, and then by faults."""
+    env = jssa_gym.Shield(gym.make("jssa_gym/Home-v0", human=walker(names), terminate_on=()), "none", stop=params)
+    assert len(caplog.records) == (not believed)
+    if not believed:
+        assert f"{names[4]} moves at 3.5 m/s, {params.end_speeds_of(names[4])[1]:g} m/s is assumed" in caplog.text
+    _, info = env.reset(seed=0)
+    told = []
+    for _ in range(250):
+        *_, info = env.step(np.zeros(6))
+        told.append(info["shield/status"])
+    assert (told.count(Status.FAULT) == 0) == believed
+
+
+@pytest.mark.parametrize(("speed", "stop", "told"), [(3.0, True, True), (3.0, False, False), (2.0, True, False)])
+def test_people_who_are_too_fast_are_told_of_when_a_verified_stop_is_built(speed, stop, told, caplog):
+    env = gym.make("jssa_gym/Home-v0", human=["walk_by", Hand(speed=(1.0, speed))])
+    jssa_gym.Shield(env, "jssa", stop=stop)
+    assert ("people may move at 3 m/s, 2 m/s is assumed" in caplog.text) == told
+    assert len(caplog.records) == told
 
 
 def test_bounds_by_end_survive_json():

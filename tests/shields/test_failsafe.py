@@ -1132,7 +1132,8 @@ def test_a_radius_that_changes_at_once_is_not_believed(robot, make_scene):
 @pytest.mark.parametrize(
     ("part", "speed"), [("RightHand", 2.0), ("left_wrist", 2.0), ("thing", 2.0), ("forearm of the body", 2.0),
                         ("body.LeftElbow", 2.0), ("upper_body_right_wrist", 2.0), ("body_index_finger", 2.0),
-                        ("Head", 1.6), ("core_body", 1.6), ("left_leg", 1.6)]
+                        ("Head", 1.6), ("core_body", 1.6), ("left_leg", 1.6), ("LeftKnee", 1.6), ("LeftFoot", 4.8),
+                        ("left_ankle", 4.8), ("toe of the left leg", 4.8), ("forefeet", 4.8), ("right_heel", 4.8)]
 )  # fmt: skip
 def test_a_part_is_taken_for_fast_unless_its_name_says_that_it_is_not(part, speed):
     assert FailsafeParams().speed_of(part) == speed

@@ -251,6 +251,20 @@ def test_who_has_swerved_once_is_not_granted_the_bound_again(monitor):
     assert monitor.steady == [STEADY] * 2
 
 
+def test_what_is_not_new_or_not_believed_confirms_no_acceleration_bound():
+    """Stamps are differences, a rounding is no later moment; who is faster than A1 says may be so evenly."""
+    monitor = HumanMonitor(SPEED, acceleration=5.0)
+    monitor.update(0.3, person(), ages(0.1, 0.1), BOTH)
+    assert 0.3 - 0.1 < 0.5 - 0.3
+    monitor.update(0.3 + 0.2, person(), ages(0.3, 0.3), BOTH)
+    assert monitor.steady == [UNCONFIRMED] * 2
+    monitor.reset()
+    monitor.update(0.0, person(0.0, 3.0 * SPEED), ages(), BOTH)
+    watch = monitor.update(0.1, person(0.3 * SPEED, 3.0 * SPEED), ages(), BOTH)
+    assert "jumped" in watch.reason
+    assert monitor.steady == [UNCONFIRMED] * 2
+
+
 def test_a_frozen_sample_ages_however_fresh_it_claims_to_be(monitor):
     monitor.update(0.0, person(0.0, 0.5), ages(), BOTH)
     for k in range(1, 40):
