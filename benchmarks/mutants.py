@@ -29,6 +29,7 @@ FILTERS = "tests/shields/test_failsafe.py"
 JOINTS = "tests/tick/test_joints.py"
 PEOPLE = "tests/tick/test_people.py"
 CLOSER = "tests/kernels/test_occupancy.py"
+BOUNDS = "tests/shields/test_closer_bounds.py"
 HELD = "tests/shields/test_held_joints.py"
 CLOSED = "tests/shields/test_fail_closed.py"
 OFFERS = "tests/shields/test_offers.py"
@@ -318,6 +319,20 @@ MUTANTS = [
         ASSUMPTIONS,
     ),
     Mutant(
+        "feet as slow as bodies",
+        "safety/failsafe.py",
+        "return max(self.foot_speed, self.limb_speed, self.human_speed)",
+        "return self.human_speed",
+        (BOUNDS, "feet"),
+    ),
+    Mutant(
+        "nobody is told of fast people",
+        "shields/environment.py",
+        "if speed[k] > bound[k] * _ROUNDING",
+        "if False",
+        (BOUNDS, "feet"),
+    ),
+    Mutant(
         "parts not named may be touched",
         "safety/failsafe.py",
         "speeds.get(part, 0.0)",
@@ -352,6 +367,13 @@ MUTANTS = [
         'track["steady"] = SWERVED',
         'track["steady"] = UNCONFIRMED',
         (PEOPLE, "swerved"),
+    ),
+    Mutant(
+        "a rounding confirms an acceleration",
+        "kernels/people.py",
+        "and elapsed > STAMP_ROUNDING:",
+        "and elapsed > 0.0:",
+        (PEOPLE, "confirms"),
     ),
     Mutant(
         "places of swerves not looked at",

@@ -1,6 +1,7 @@
 """What a shield needs of an environment: robot, time step and scene, and actions that are shares of the jerk bounds."""
 
 import logging
+from functools import cache
 from typing import Any
 
 import gymnasium as gym
@@ -71,7 +72,7 @@ def _same_robot(one: RobotModel, other: RobotModel) -> bool:
 
 
 def tell_of_fast_people(env: gym.Env, params: FailsafeParams) -> None:
-    """Say aloud if an environment's people may be faster than a shield assumes: it would not believe its measurements.
+    """Say aloud, once, if an environment's people may be faster than a shield assumes.
 
     Of a recording every end of a capsule is compared with its own bound; of other motions no more is known than how
     fast the fastest point is, which is compared with the fastest of the bounds.
@@ -94,8 +95,14 @@ def tell_of_fast_people(env: gym.Env, params: FailsafeParams) -> None:
         told = f"people may move at {fastest:.3g} m/s, {most:g} m/s is assumed"
         faster = [told] if fastest > most * _ROUNDING else []
     if faster:
-        _logger.warning(
-            "%s: the shield does not believe measurements of faster people, and stops for them too late. "
-            "FailsafeParams has human_speed, limb_speed, foot_speed and end_speeds.",
-            "; ".join(faster),
-        )
+        say_faster("; ".join(faster))
+
+
+@cache  # many environments have the same people
+def say_faster(who: str) -> None:
+    """Say that once."""
+    _logger.warning(
+        "%s: the shield does not believe measurements of faster people, and stops for them too late. "
+        "FailsafeParams has human_speed, limb_speed, foot_speed and end_speeds.",
+        who,
+    )
