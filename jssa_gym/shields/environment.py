@@ -102,7 +102,7 @@ def tell_of_fast_people(env: gym.Env, params: FailsafeParams) -> None:
 def say_faster(who: str) -> None:
     """Say that once."""
     _logger.warning(
-        "%s: the shield does not believe measurements of faster people, and stops for them too late. "
+        "%s: the shield does not believe measurements of faster people, and may stop for them too late. "
         "FailsafeParams has human_speed, limb_speed, foot_speed and end_speeds.",
         who,
     )
