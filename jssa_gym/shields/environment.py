@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from jssa_gym.exceptions import InterfaceError
-from jssa_gym.humans import HumanMotion, Recorded, make_human
+from jssa_gym.humans import Crowd, HumanMotion, Recorded, make_human
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields.filter import SafetyFilter
@@ -78,24 +78,26 @@ def tell_of_fast_people(env: gym.Env, params: FailsafeParams) -> None:
     fast the fastest point is, which is compared with the fastest of the bounds.
     """
     motion = vars(env.unwrapped).get("human")
-    if not isinstance(motion, HumanMotion):
-        return
+    if isinstance(motion, HumanMotion) and (faster := _faster(motion, params)):
+        say_faster("; ".join(dict.fromkeys(faster)))
+
+
+def _faster(motion: HumanMotion, params: FailsafeParams) -> list[str]:
+    if isinstance(motion, Crowd):
+        return [told for one in motion.motions for told in _faster(one, params)]
     names = make_human(motion).reset(np.random.default_rng(0)).names
     bounds = np.array([params.end_speeds_of(name) for name in names], np.float64).reshape(-1, 2)
-    if isinstance(motion, Recorded):
-        speeds = motion.recording.end_speeds
-        worst = (speeds / bounds).argmax(axis=1)
-        faster = [
-            f"{name} moves at {speed[k]:.3g} m/s, {bound[k]:g} m/s is assumed"
-            for name, speed, bound, k in zip(names, speeds, bounds, worst, strict=True)
-            if speed[k] > bound[k] * _ROUNDING
-        ]
-    else:
+    if not isinstance(motion, Recorded):
         fastest, most = getattr(motion, "speed_bound", 0.0), bounds.max(initial=0.0)
         told = f"people may move at {fastest:.3g} m/s, {most:g} m/s is assumed"
-        faster = [told] if fastest > most * _ROUNDING else []
-    if faster:
-        say_faster("; ".join(faster))
+        return [told] if fastest > most * _ROUNDING else []
+    speeds = motion.recording.end_speeds
+    worst = (speeds / bounds).argmax(axis=1)
+    return [
+        f"{name} moves at {speed[k]:.3g} m/s, {bound[k]:g} m/s is assumed"
+        for name, speed, bound, k in zip(names, speeds, bounds, worst, strict=True)
+        if speed[k] > bound[k] * _ROUNDING
+    ]
 
 
 @cache  # many environments have the same people

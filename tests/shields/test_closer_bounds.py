@@ -147,7 +147,7 @@ def test_feet_that_swing_are_believed_if_they_are_said_to_be_feet(names, params,
 
 @pytest.mark.parametrize(("speed", "stop", "told"), [(3.0, True, True), (3.0, False, False), (2.0, True, False)])
 def test_people_who_are_too_fast_are_told_of_when_a_verified_stop_is_built(speed, stop, told, untold, caplog):
-    env = gym.make("jssa_gym/Home-v0", human=["walk_by", Hand(speed=(1.0, speed))])
+    env = gym.make("jssa_gym/Home-v0", human=["walk_by", walker(FOOT), Hand(speed=(1.0, speed))])
     for _ in range(2):
         jssa_gym.Shield(env, "jssa", stop=stop)
     assert ("people may move at 3 m/s, 2 m/s is assumed" in caplog.text) == told
