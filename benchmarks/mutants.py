@@ -369,6 +369,20 @@ MUTANTS = [
         (PEOPLE, "swerved"),
     ),
     Mutant(
+        "swerves: faster than the speed bound",
+        "kernels/people.py",
+        "if not dot(ends[row + 2, j], ends[row + 2, j]) <= fastest * fastest:",
+        "if False:",
+        (PEOPLE, "beyond"),
+    ),
+    Mutant(
+        "who is not believed confirms an acceleration",
+        "kernels/people.py",
+        "            return JUMPED\n",
+        '            track["steady"] = max(track["steady"], STEADY)\n            return JUMPED\n',
+        (PEOPLE, "confirms"),
+    ),
+    Mutant(
         "a rounding confirms an acceleration",
         "kernels/people.py",
         "and elapsed > STAMP_ROUNDING:",

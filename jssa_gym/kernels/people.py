@@ -63,7 +63,10 @@ def _within(ends, j, radius, track, elapsed, error):
 
 @jit
 def _swerves(ends, j, radius, track, elapsed, error):
-    """Whether an end moved, or changed its velocity, by more than its acceleration bound lets it."""
+    """Whether an end moved, or changed its velocity, by more than its acceleration bound lets it.
+
+    Or says that it is faster than its speed bound: then one of the two bounds does not hold.
+    """
     bound, off = track["acceleration"], track["velocity_error"]
     drift = off * elapsed + bound * elapsed * elapsed / 2.0 + 2.0 * error + LENGTH_ROUNDING
     drift -= abs(radius - track["radius"])
@@ -71,6 +74,9 @@ def _swerves(ends, j, radius, track, elapsed, error):
     if not drift >= 0.0:
         return True
     for row in range(2):
+        fastest = track["speed"][row] + off + SPEED_ROUNDING
+        if not dot(ends[row + 2, j], ends[row + 2, j]) <= fastest * fastest:
+            return True
         turn = subtract(ends[row + 2, j], track["trusted"][row + 2])
         way = subtract(ends[row, j], add(track["trusted"][row], scale(track["trusted"][row + 2], elapsed)))
         if not (dot(turn, turn) <= change * change and dot(way, way) <= drift * drift):

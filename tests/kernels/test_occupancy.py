@@ -191,6 +191,8 @@ def beside(robot, rng, kind, lie=lambda one: {}):
     one = Someone([start, start + along], [velocity, velocity], error=float(rng.choice([0.0, 0.02])), **late)
     if kind != "swerving":
         one = one.told(speeds=rng.choice([1.6, 0.8]) * np.array([1.0, rng.choice([1.0, 1.25, 2.5])]))
+    # who is measured to be faster than the bound breaks it, or the error of velocities
+    one.velocity *= min(1.0, one.speeds.min() / np.linalg.norm(one.velocity[0]))
     if kind != "tapered":
         one = one.told(acceleration=float(rng.choice([2.0, 6.0])), velocity_error=float(rng.choice([0.0, 0.2])))
     low, high = 0.0, 2.5

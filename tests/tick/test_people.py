@@ -258,11 +258,27 @@ def test_what_is_not_new_or_not_believed_confirms_no_acceleration_bound():
     assert 0.3 - 0.1 < 0.5 - 0.3
     monitor.update(0.3 + 0.2, person(), ages(0.3, 0.3), BOTH)
     assert monitor.steady == [UNCONFIRMED] * 2
-    monitor.reset()
-    monitor.update(0.0, person(0.0, 3.0 * SPEED), ages(), BOTH)
-    watch = monitor.update(0.1, person(0.3 * SPEED, 3.0 * SPEED), ages(), BOTH)
-    assert "jumped" in watch.reason
-    assert monitor.steady == [UNCONFIRMED] * 2
+    # nor is who was too far away to have come, without a velocity that says so
+    brisk = HumanMonitor(SPEED, acceleration=60.0)
+    brisk.update(0.0, person(), ages(), BOTH)
+    assert "jumped" in brisk.update(0.1, person(0.25), ages(), BOTH).reason
+    assert brisk.steady == [UNCONFIRMED] * 2
+
+
+def test_a_velocity_beyond_the_speed_bound_and_its_error_has_swerved():
+    """Who says so breaks one of the two bounds, however evenly: of each end, by its own."""
+    monitor = HumanMonitor([[1.0, 3.0], [3.0, 1.0]], acceleration=5.0, velocity_error=0.1)
+    for row, (start, end) in enumerate(((1.0, 3.0), (3.0, 1.0))):
+        for field, bound in (("start_velocity", start), ("end_velocity", end)):
+            for over, verdict in ((-1e-4, STEADY), (1e-4, SWERVED)):
+                way = spoilt(person(), field, bound + 0.1 + over, (row, 1))
+                monitor.reset()
+                monitor.update(0.0, way, ages(), BOTH)
+                # as far as the bound lets it come, which the error explains
+                getattr(way, field.removesuffix("_velocity"))[row, 1] += bound * DT
+                monitor.update(DT, way, ages(), BOTH)
+                assert monitor.steady[row] == verdict
+                assert monitor.steady[1 - row] == STEADY
 
 
 def test_a_frozen_sample_ages_however_fresh_it_claims_to_be(monitor):
