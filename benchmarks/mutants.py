@@ -27,10 +27,14 @@ PEERS = "[ssa or -ssa or sss or cbf or pfm or sma or ssm or [stop or -stop"
 KERNELS = "tests/kernels/test_verification.py"
 FILTERS = "tests/shields/test_failsafe.py"
 JOINTS = "tests/tick/test_joints.py"
+PEOPLE = "tests/tick/test_people.py"
+CLOSER = "tests/kernels/test_occupancy.py"
+BOUNDS = "tests/shields/test_closer_bounds.py"
 HELD = "tests/shields/test_held_joints.py"
 CLOSED = "tests/shields/test_fail_closed.py"
 OFFERS = "tests/shields/test_offers.py"
 MARGIN = "tests/kernels/test_margin.py"
+MOVED = "tests/evaluation/test_motion.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -55,6 +59,10 @@ def _kernel(name, old, new, tests=MOTION):
     return Mutant(name, "kernels/verification.py", old, new, tests)
 
 
+def _closer(name, old, new, tests=(CLOSER, "pieces or swerve or nobody")):
+    return Mutant(name, "kernels/occupancy.py", old, new, tests)
+
+
 def _admit(name, old, new, tests=ASSUMPTIONS):
     return Mutant(name, "tick/admit.py", old, new, tests)
 
@@ -77,6 +85,12 @@ def _joints(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
 
 def _monitor(name, old, new, tests=(JOINTS, "test_monitor_ or rebased")):
     return Mutant(name, "tick/joints.py", old, new, tests)
+
+
+def _jumps(name, old, new):
+    return Mutant(
+        name, "evaluation/motion.py", old, new, (MOVED, "test_jumps_are or jerk_that or what_is or own_bound")
+    )
 
 
 def _filter(name, old, new, tests=FAULTS):
@@ -293,8 +307,8 @@ MUTANTS = [
     _filter("max_age ignored", "max_age=assumed.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
     _admit(
         "no margin to what stands",
-        "memory.planes[e], settings.astray\n",
-        "memory.planes[e], 0.0\n",
+        "        settings.astray,\n",
+        "        0.0,\n",
         (FILTERS, "tracking"),
     ),
     Mutant(
@@ -303,6 +317,20 @@ MUTANTS = [
         "return self.human_speed if known else max(self.limb_speed, self.human_speed)",
         "return self.human_speed",
         ASSUMPTIONS,
+    ),
+    Mutant(
+        "feet as slow as bodies",
+        "safety/failsafe.py",
+        "return max(self.foot_speed, self.limb_speed, self.human_speed)",
+        "return self.human_speed",
+        (BOUNDS, "feet"),
+    ),
+    Mutant(
+        "nobody is told of fast people",
+        "shields/environment.py",
+        "if speed[k] > bound[k] * _ROUNDING",
+        "if False",
+        (BOUNDS, "feet"),
     ),
     Mutant(
         "parts not named may be touched",
@@ -314,9 +342,59 @@ MUTANTS = [
     Mutant(
         "jumps are believed",
         "kernels/people.py",
-        "if not _within(ends, j, radius, track, allowed):",
+        "if not _within(ends, j, radius, track, elapsed, error):",
         "if False:",
         (FILTERS, "jumping"),
+    ),
+    _closer("grown by the slower end", "less = min(", "less = max("),
+    _closer("age left out of a taper", 'less * one["late"]', 'less * (one["late"] + 0.1)'),
+    _closer("a taper's error dropped", "(gap - (reach - ", "(gap - (reach * 0.0 - "),
+    _closer("velocity error dropped", ' + one["velocity_error"] * longest', ""),
+    _closer("age left out of a swerve", "t + late / 2.0, t + late", "t, t"),
+    _closer("when it was measured is known", ' + one["speed"] * late / 2.0', ""),
+    _closer("acceleration not in the closing speed", ' + one["velocity_error"] + a * longest', ""),
+    _closer("nobody has to keep the acceleration", ' if track["steady"] == STEADY else 0.0', "", (CLOSER, "granted")),
+    Mutant(
+        "one bound for both ends' measurements",
+        "kernels/people.py",
+        'allowed = track["speed"][row] * elapsed',
+        'allowed = max(track["speed"][0], track["speed"][1]) * elapsed',
+        (PEOPLE, "own_speed"),
+    ),
+    Mutant(
+        "swerves are forgiven",
+        "kernels/people.py",
+        'track["steady"] = SWERVED',
+        'track["steady"] = UNCONFIRMED',
+        (PEOPLE, "swerved"),
+    ),
+    Mutant(
+        "swerves: faster than the speed bound",
+        "kernels/people.py",
+        "if not dot(ends[row + 2, j], ends[row + 2, j]) <= fastest * fastest:",
+        "if False:",
+        (PEOPLE, "beyond"),
+    ),
+    Mutant(
+        "who is not believed confirms an acceleration",
+        "kernels/people.py",
+        "            return JUMPED\n",
+        '            track["steady"] = max(track["steady"], STEADY)\n            return JUMPED\n',
+        (PEOPLE, "confirms"),
+    ),
+    Mutant(
+        "a rounding confirms an acceleration",
+        "kernels/people.py",
+        "and elapsed > STAMP_ROUNDING:",
+        "and elapsed > 0.0:",
+        (PEOPLE, "confirms"),
+    ),
+    Mutant(
+        "places of swerves not looked at",
+        "kernels/people.py",
+        " and dot(way, way) <= drift * drift",
+        "",
+        (PEOPLE, "swerved"),
     ),
     Mutant(
         "a frozen source is believed",
@@ -584,6 +662,66 @@ MUTANTS = [
         "until = t + motion.dt + length / _MOMENTS",
         "until = t",
         (MARGIN, "formula"),
+    ),
+    # how the arm moves and how long it takes, as it is told
+    _jumps("wanted and applied jerks swapped", "jumps, wanted = _jumps", "wanted, jumps = _jumps"),
+    _jumps("jumps: wanted jerk not clipped", "np.clip(nominal, -bound, bound)", "nominal"),
+    _jumps("jumps: only upwards", "np.abs(np.diff(jerk, axis=0))", "np.diff(jerk, axis=0)"),
+    _jumps("jumps: from rest into the first step", "np.diff(jerk, axis=0)", "np.diff(jerk, axis=0, prepend=0.0)"),
+    _jumps("jumps: of all joints together", "np.any(", "np.all("),
+    _jumps("jumps: one bound for all joints", "> bound * (1.0 + _ROUNDING)", "> bound.max() * (1.0 + _ROUNDING)"),
+    _jumps("jumps: by rounding alone", "bound * (1.0 + _ROUNDING)", "bound"),
+    _jumps(
+        "jumps: policy's told as the shield's", "jumps & wanted, jumps & ~wanted", "jumps & ~wanted, jumps & wanted"
+    ),
+    Mutant(
+        "jumps of what was asked for, not applied",
+        "evaluation/metrics.py",
+        "jerk_jumps(trace.jerk, trace.nominal, limits.jerk)",
+        "jerk_jumps(trace.nominal, trace.jerk, limits.jerk)",
+        ("tests/evaluation/test_evaluation.py", "summary_by_hand"),
+    ),
+    Mutant(
+        "switches a step, not a second",
+        "evaluation/steps.py",
+        "int((np.diff(steps.status) != 0).sum()) / (count * dt)",
+        "int((np.diff(steps.status) != 0).sum()) / count",
+        (MOVED, "switches"),
+    ),
+    Mutant(
+        "switches away from NOMINAL alone",
+        "evaluation/steps.py",
+        "(np.diff(steps.status) != 0)",
+        "(np.diff(steps.status) > 0)",
+        (MOVED, "switches"),
+    ),
+    Mutant(
+        "slowdown upside down",
+        "evaluation/slowdown.py",
+        "here / there",
+        "there / here",
+        (MOVED, "goal_by_goal"),
+    ),
+    Mutant(
+        "slowdown: goals that were left again count",
+        "evaluation/slowdown.py",
+        "np.where(could & done,",
+        "np.where(could,",
+        ("tests/evaluation/test_slowdown.py", "left_again"),
+    ),
+    Mutant(
+        "Home's goals have a time to them",
+        "evaluation/leaderboard.py",
+        "if one.task not in TASKS or TASKS[one.task].ends",
+        "if True",
+        (MOVED, "held_from_the_beginning"),
+    ),
+    Mutant(
+        "episodes are compared with others",
+        "evaluation/leaderboard.py",
+        "if [_trial(one) for one in report.episodes] != [_trial(one) for one in first.episodes]:",
+        "if False:",
+        (MOVED, "nothing_to_compare_with"),
     ),
 ]
 

@@ -216,6 +216,14 @@ class Trace:
     """[m²]; NaN without a shield."""
     slack: Annotated[Array, "T"]
     """Largest violation of the shield's rows by the jerk [m²]; NaN without a shield."""
+    margin: Annotated[Array, "T"]
+    """Room that the stop behind the nominal leaves to people [m]; inf where nothing would move, NaN where not told."""
+    kind: Annotated[NDArray[np.str_], "T"]
+    """Where the applied jerk comes from; empty strings where not told."""
+    choice: Annotated[NDArray[np.int64], "T"]
+    """Which of a planner's alternatives is applied; -1 for none."""
+    override: Annotated[Array, "T"]
+    """Pace along its path that the planner asked for; NaN where not told."""
     shield_time: Annotated[Array, "T"]
     """Wall-clock time of the shield's decision [s]; NaN without a shield."""
     human_start: Annotated[Array, "T m 3"]

@@ -15,6 +15,7 @@ from jssa_gym.shields.reading import Reading
 from jssa_gym.shields.records import Records
 from jssa_gym.shields.words import Told, _fault
 from jssa_gym.tick import admit, joints, layout, loop, people
+from jssa_gym.tick.assumed import Assumed
 from jssa_gym.tick.proposals.nothing import Nothing
 from jssa_gym.types import CapsuleSet, Planes, Scene
 
@@ -71,7 +72,9 @@ class JointMonitor:
     def __init__(self, bounds, dt, tolerance):
         self.records = _records(bounds.shape[1], np.array(bounds), dt, np.array(tolerance), 0.0, 0.2)
         exact = bool(np.any(tolerance == 0.0))
-        self.reading = Reading(self.records, False, exact, False, lambda names: np.zeros((3, 0)))
+        self.reading = Reading(
+            self.records, False, exact, False, lambda names: Assumed(*np.zeros((2, 0, 2)), *np.zeros((2, 0)))
+        )
         self.reset(None)
 
     @property
@@ -127,15 +130,22 @@ class Watch(NamedTuple):
 class HumanMonitor:
     """Which measurements of people are believed."""
 
-    def __init__(self, speed=2.0, *, position_error=0.0, max_age=0.2):
-        self.speed = speed
+    def __init__(self, speed=2.0, *, position_error=0.0, max_age=0.2, acceleration=0.0, velocity_error=0.0):
+        self.speed, self.acceleration, self.velocity_error = speed, acceleration, velocity_error
         self.records = _records(1, np.ones((5, 1)), 0.008, np.zeros((3, 1)), position_error, max_age)
         self.reading = Reading(self.records, False, True, False, self._assumed)
         self.reset()
 
     def _assumed(self, names):
-        speed = np.broadcast_to(np.asarray(self.speed, float), len(names))
-        return speed, speed, np.zeros(len(names))
+        speed = np.asarray(self.speed, float)
+        speed = np.broadcast_to(speed[..., None] if speed.ndim < 2 else speed, (len(names), 2))
+        acceleration = np.full(len(names), self.acceleration)
+        return Assumed(speed, speed, np.zeros(len(names)), acceleration, self.velocity_error)
+
+    @property
+    def steady(self):
+        """Whether each capsule has kept its acceleration bound."""
+        return self.records.memory.tracks[0]["steady"].tolist()
 
     def reset(self):
         self.reading.forget()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.kernels.people import CLAIMS_MOTION, STAMP_ROUNDING
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.failsafe import LIMB_PARTS, SLOW_PARTS, FailsafeParams
+from jssa_gym.safety.failsafe import FOOT_PARTS, LIMB_PARTS, SLOW_PARTS, FailsafeParams
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes, Scene
 
 _CLOCK = 1e-6
@@ -186,7 +186,7 @@ def _names(scenes: Sequence[Scene], params: FailsafeParams) -> Iterator[Trouble]
     if not scenes:
         return
     people = scenes[0].human
-    known = (*SLOW_PARTS, *LIMB_PARTS)
+    known = (*SLOW_PARTS, *LIMB_PARTS, *FOOT_PARTS)
     unknown = [name for name in dict.fromkeys(people.names) if not any(part in name.casefold() for part in known)]
     if unknown:
         text = (
@@ -241,20 +241,24 @@ def _people(scenes: Sequence[Scene], params: FailsafeParams) -> Iterator[Trouble
         # where nothing new was measured there is nothing to compare
         between = np.where(between > STAMP_ROUNDING, between, np.nan)
         moved = np.diff(ends, axis=0) / between[:, None, :, None]
-        way = np.linalg.norm(np.diff(ends, axis=0), axis=-1).max(axis=1) + np.abs(np.diff(radius, axis=0))
-        speed = np.nan_to_num(np.maximum(way - _LENGTH - 2.0 * params.position_error, 0.0) / between)
+        way = np.linalg.norm(np.diff(ends, axis=0), axis=-1) + np.abs(np.diff(radius, axis=0))[:, None]
+        # of starts and ends, shape (T - 1, 2, m)
+        speed = np.nan_to_num(np.maximum(way - _LENGTH - 2.0 * params.position_error, 0.0) / between[:, None])
     if np.any(frozen):
         yield _hanging(scenes[0].human.names, frozen, told[:-1])
     for j, name in enumerate(scenes[0].human.names):
-        bound = params.speed_of(name)
-        fast = speed[:, j] > bound * (1.0 + 1e-9)
+        bounds = np.array(params.end_speeds_of(name))
+        too_fast = speed[:, :, j] > bounds * (1.0 + 1e-9)
+        fast = too_fast.any(axis=1)
         if np.any(fast):
+            k = int((speed[:, :, j].max(axis=0) / bounds).argmax())
+            which = name if bounds[0] == bounds[1] else f"the {('start', 'end')[k]} of {name}"
             yield Trouble(
                 "speed",
                 "error",
                 name,
-                f"{name} moves at {speed[:, j].max():.3g} m/s, first from tick {int(fast.argmax())} to the next; its "
-                f"bound is {bound:g} m/s: nobody may be faster than FailsafeParams says",
+                f"{which} moves at {speed[:, k, j].max():.3g} m/s, first from tick {int(fast.argmax())} to the next; "
+                f"its bound is {bounds[k]:g} m/s: nobody may be faster than FailsafeParams says",
             )
         if params.position_error == 0.0:
             yield from _velocity(name, moved[~fast, :, j], told[:-1][~fast, :, j], told[1:][~fast, :, j])

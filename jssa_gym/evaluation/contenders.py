@@ -19,6 +19,7 @@ from jssa_gym.shields.offers import Offered
 from jssa_gym.shields.registry import PROFILES, WHOLE
 from jssa_gym.tick import loop
 from jssa_gym.tick.admit import GRADED, HALFWAY, WANTED
+from jssa_gym.tick.assumed import Assumed
 from jssa_gym.tick.layout import StepSettings
 from jssa_gym.types import Array, CapsuleSet, Decision, Scene
 from jssa_gym.validation import known_name
@@ -91,9 +92,9 @@ def _ticks(env: gym.Env, time: float) -> int:
 class _SlowPeople(JSSAFilter):
     """Believes that people are slow to come; what it believes of their measurements is left alone."""
 
-    def assumed(self, names: Sequence[str]) -> tuple[Array, Array, Array]:
-        speed, growth, touch = super().assumed(names)
-        return speed, np.minimum(growth, _SLOW), touch
+    def assumed(self, names: Sequence[str]) -> Assumed:
+        assumed = super().assumed(names)
+        return assumed._replace(growth=np.minimum(assumed.growth, _SLOW))
 
 
 class _OffByOne(JSSAFilter):

@@ -6,7 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from jssa_gym.evaluation.trace import trace_of
+from jssa_gym.evaluation.trace import LATER, trace_of
 from jssa_gym.policies import Policy
 from jssa_gym.shields import SafetyFilter, Shield
 from jssa_gym.shields.offers import Offered
@@ -122,6 +122,7 @@ def rollout(
                     "correction": info.get("shield/correction", np.nan),
                     "phi": info.get("shield/phi", np.nan),
                     "slack": info.get("shield/slack", np.nan),
+                    **{name: info[f"shield/{name}"] for name in LATER if f"shield/{name}" in info},
                     "shield_time": np.nan if watch is None else watch.elapsed,
                     "human_start": scene.human.start,
                     "human_end": scene.human.end,

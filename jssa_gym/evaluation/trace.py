@@ -11,7 +11,10 @@ from jssa_gym.exceptions import TraceError
 from jssa_gym.storage import open_archive, read_array, read_header, read_sealed, refused, write_sealed
 from jssa_gym.types import Trace
 
-_WHAT, _VERSION = "trace", 2
+_WHAT, _VERSION, _EARLIER = "trace", 3, (2,)
+
+LATER = {"margin": np.nan, "kind": "", "choice": -1, "override": np.nan}
+"""What files of version 2, and steps without a shield, do not say; and what stands there instead."""
 
 _LARGEST = 512 * 2**20
 """Size from which nothing is read, on disk and unpacked [bytes]."""
@@ -37,11 +40,14 @@ def trace_of(once: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Trac
 
     Args:
         once: By field.
-        rows: One a control step, by field.
+        rows: One a control step, by field; those of :data:`LATER` may be missing.
     """
+    whole = [{**LATER, **row} for row in rows]
     return Trace(
         **once,
-        **{field: np.array([row[field] for row in rows], kind) for field, kind in _ARRAYS.items() if field not in once},
+        **{
+            field: np.array([row[field] for row in whole], kind) for field, kind in _ARRAYS.items() if field not in once
+        },
     )
 
 
@@ -103,8 +109,11 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file whose digest is right."""
     content = read_sealed(path, _WHAT, TraceError, _LARGEST)
     with refused(TraceError, f"{path} holds no complete trace"), open_archive(content, _LARGEST) as archive:
-        arrays = {field: read_array(archive, field) for field in ("header", *_ARRAYS)}
-        return read_header(arrays.pop("header").tobytes(), _WHAT, _VERSION), arrays
+        header = read_header(read_array(archive, "header").tobytes(), _WHAT, _VERSION, *_EARLIER)
+        late = LATER if header["version"] in _EARLIER else {}
+        arrays = {field: read_array(archive, field) for field in _ARRAYS if field not in late}
+        count = len(arrays["time"])
+        return header, arrays | {field: np.full(count, value, _ARRAYS[field]) for field, value in late.items()}
 
 
 def every_step(trace: Trace) -> bool:

@@ -79,8 +79,13 @@ class Recording:
     @property
     def speed(self) -> float:
         """Largest speed of a capsule's end between two samples [m/s]: no point of the body is faster."""
-        ends = np.stack([self.start, self.end])
-        return float((np.linalg.norm(np.diff(ends, axis=1), axis=-1) / np.diff(self.time)[:, None]).max())
+        return float(self.end_speeds.max())
+
+    @property
+    def end_speeds(self) -> Array:
+        """The same of each capsule's start and end, shape (m, 2) [m/s]."""
+        ends = np.stack([self.start, self.end], axis=2)
+        return (np.linalg.norm(np.diff(ends, axis=0), axis=-1) / np.diff(self.time)[:, None, None]).max(axis=0)
 
     @property
     def root(self) -> Array:

@@ -3,7 +3,8 @@
 import numpy as np
 
 from jssa_gym.kernels.jit import jit
-from jssa_gym.kernels.vector import dot, subtract
+from jssa_gym.kernels.occupancy import STEADY, SWERVED, UNCONFIRMED
+from jssa_gym.kernels.vector import add, dot, scale, subtract
 
 GOOD, UNMEASURED, OLDER, FROZEN, JUMPED, PERSON, NEGATIVE, UNREADABLE, HOLLOW = range(9)
 """What became of a sample; from PERSON on whoever delivers it cannot be relied on at all."""
@@ -19,6 +20,9 @@ STAMP_ROUNDING = 1e-9
 
 LENGTH_ROUNDING = 1e-6
 """Added to what an end may have moved [m]."""
+
+SPEED_ROUNDING = 1e-6
+"""Added to what its velocity may have changed by [m/s]."""
 
 
 @jit
@@ -44,16 +48,40 @@ def _repeated(ends, j, track):
 
 
 @jit
-def _within(ends, j, radius, track, allowed):
+def _within(ends, j, radius, track, elapsed, error):
     """Whether both ends are where they can have come from the trusted ones; a radius that changes moves the surface."""
-    left = allowed - abs(radius - track["radius"])
-    if not left >= 0.0:
-        return False
     for row in range(2):
+        allowed = track["speed"][row] * elapsed + 2.0 * error + LENGTH_ROUNDING
+        left = allowed - abs(radius - track["radius"])
+        if not left >= 0.0:
+            return False
         way = subtract(ends[row, j], track["trusted"][row])
         if not dot(way, way) <= left * left:
             return False
     return True
+
+
+@jit
+def _swerves(ends, j, radius, track, elapsed, error):
+    """Whether an end moved, or changed its velocity, by more than its acceleration bound lets it.
+
+    Or says that it is faster than its speed bound: then one of the two bounds does not hold.
+    """
+    bound, off = track["acceleration"], track["velocity_error"]
+    drift = off * elapsed + bound * elapsed * elapsed / 2.0 + 2.0 * error + LENGTH_ROUNDING
+    drift -= abs(radius - track["radius"])
+    change = bound * elapsed + 2.0 * off + SPEED_ROUNDING
+    if not drift >= 0.0:
+        return True
+    for row in range(2):
+        fastest = track["speed"][row] + off + SPEED_ROUNDING
+        if not dot(ends[row + 2, j], ends[row + 2, j]) <= fastest * fastest:
+            return True
+        turn = subtract(ends[row + 2, j], track["trusted"][row + 2])
+        way = subtract(ends[row, j], add(track["trusted"][row], scale(track["trusted"][row + 2], elapsed)))
+        if not (dot(turn, turn) <= change * change and dot(way, way) <= drift * drift):
+            return True
+    return False
 
 
 @jit
@@ -84,9 +112,15 @@ def _judge(time, ends, j, radius, age, valid, person, error, track):
     if track["stamp"] > -np.inf:
         if stamp < track["stamp"] - STAMP_ROUNDING:
             return max(verdict, OLDER)
-        allowed = track["speed"] * max(stamp - track["stamp"], 0.0) + 2.0 * error + LENGTH_ROUNDING
-        if not _within(ends, j, radius, track, allowed):
+        elapsed = max(stamp - track["stamp"], 0.0)
+        if track["acceleration"] > 0.0 and _swerves(ends, j, radius, track, elapsed, error):
+            # who has broken the bound once is not granted it again
+            track["steady"] = SWERVED
+        if not _within(ends, j, radius, track, elapsed, error):
             return JUMPED
+        # neither a sample that is not believed confirms anything nor one of the same moment
+        if track["acceleration"] > 0.0 and track["steady"] == UNCONFIRMED and elapsed > STAMP_ROUNDING:
+            track["steady"] = STEADY
     for row in range(4):
         for k in range(3):
             track["trusted"][row, k] = ends[row, j, k]

@@ -101,12 +101,36 @@ TRACK = np.dtype(
         ("stamp", np.float64),  # when that was measured, -inf for never
         ("seen", np.float64, (4, 3)),  # the last sample that could be read, trusted or not
         ("first", np.float64),  # stamp that it had when it came for the first time
-        ("speed", np.float64),  # no point of the body part moves faster
+        ("speed", np.float64, 2),  # start and end move no faster
+        ("slower", np.float64, 2),  # by how much less than the faster of them each can come
+        ("acceleration", np.float64),  # ... and change their velocity, 0 if nobody says how fast
+        ("velocity_error", np.float64),  # of their measured velocities
+        ("steady", np.int64),  # whether they have kept to that, see jssa_gym.kernels.occupancy
         ("person", np.int64),
     ],
     align=True,
 )
 """What is remembered of one human capsule from tick to tick."""
+
+PIECES = 4
+"""Into how many a capsule is split whose ends are not equally fast."""
+
+CONFINED = np.dtype(
+    [
+        ("knots", np.float64, (PIECES + 1, 3)),  # of the axis as it was measured, from start to end
+        ("slower", np.float64, 2),  # by how much less than the faster end start and end can come
+        ("start_velocity", *_V),
+        ("end_velocity", *_V),
+        ("speed", np.float64),  # the larger of both
+        ("acceleration", np.float64),  # bound on it, 0 if none can be relied on
+        ("velocity_error", np.float64),
+        ("late", np.float64),  # age of the measurement and lag of the arm
+        ("error", np.float64),  # of the measurement and of the arm's place
+        ("moved", np.float64, (2, 3)),  # scratch
+    ],
+    align=True,
+)
+"""What a body part is confined by, beyond the speed of its fastest point."""
 
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

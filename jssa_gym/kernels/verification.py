@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from jssa_gym.kernels.capsules import capsule_pair, plane_pair, stands
 from jssa_gym.kernels.chain import place_axes, pose
 from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.occupancy import apart_for
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.stopping import peak_speed, step_keeps, stop_at, stop_keeps
 from jssa_gym.kernels.vector import fill, fill_rows
@@ -169,6 +170,8 @@ class Around(NamedTuple):
     """How fast each of them grows, shape (k,) [m/s]."""
     touch: NDArray[np.float64]
     """Speed of a point of the arm with which each may be touched, shape (k,) [m/s]."""
+    confined: NDArray
+    """What each of them is confined by beyond that growth, shape (k,) of ``CONFINED``."""
     statics: NDArray
     """Shape (c,) of ``AGENT``."""
     planes: NDArray
@@ -241,6 +244,8 @@ def keeps_clear(robot, motion, ticks, around, work):
                     continue
                 gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
                 lasts = (gap - reach[k] - speed[k] * t) / (rate + speed[k])
+                if not (lasts > _SHORTEST):
+                    lasts = apart_for(part, radii, around.confined[k], reach[k], speed[k], rate, t)
                 if not (lasts > _SHORTEST):
                     return REACH, i, k, t
                 lasting, people_off[i, k] = min(lasting, lasts), t + lasts

@@ -9,7 +9,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
-from jssa_gym.validation import known_name, number_within, positive_number
+from jssa_gym.validation import known_name, number_within, positive_number, real_array
 
 SLOW_PARTS = (
     "head",
@@ -23,8 +23,6 @@ SLOW_PARTS = (
     "pelvis",
     "leg",
     "knee",
-    "foot",
-    "ankle",
 )
 """A body part whose name contains one of these, in any case, keeps ``human_speed``; all others may be upper limbs."""
 
@@ -32,8 +30,19 @@ LIMB_PARTS = ("arm", "elbow", "wrist", "hand", "palm", "fist", "finger", "thumb"
 """A body part whose name contains one of these, in any case, may move at ``limb_speed``, whatever else it contains: the
 wrist of a body is a wrist."""
 
+FOOT_PARTS = ("foot", "feet", "toe", "ankle", "heel")
+"""A body part whose name contains one of these, in any case, may move at ``foot_speed``, whatever else it contains."""
+
 HARDNESS = (0.4, 0.55, 0.7, 0.85, 1.0)
 """Shares of the acceleration and jerk limits that graded stops are planned with, softest first."""
+
+ARM_SPEEDS: Mapping[str, tuple[float, float]] = {"right_arm": (1.6, 2.0), "left_arm": (1.6, 2.0)}
+"""For ``FailsafeParams(end_speeds=...)``: the arms of this package's own people, which begin at the shoulder; that
+walks, a hand may reach [m/s], ISO 13855. Only for measurements that have start and end the same way round."""
+
+LEG_SPEEDS: Mapping[str, tuple[float, float]] = {"right_leg": (1.6, 4.8), "left_leg": (1.6, 4.8)}
+"""The same of legs that are one capsule, from a hip that walks to a foot that swings [m/s]. This package's own people
+glide, but for the recorded ones, and need it not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,19 +56,26 @@ class FailsafeParams:
         actuation_lag: Time from a command to the arm's motion [s].
         tracking_error: Largest distance of a point of the arm from where the command puts it [m].
         max_age: Measurements are grown by their age up to this; older ones are a fault [s].
+        foot_speed: As ``limb_speed``, for feet [m/s].
+        end_speeds: Speeds [m/s] that start and end of the capsules of these names do not exceed, instead of the above;
+            None for one speed a part.
+        human_acceleration: Neither end of a capsule changes its velocity faster [m/s²], for all body parts or by name;
+            None if nobody knows.
+        velocity_error: Largest error of a measured velocity of a capsule end [m/s]; used with ``human_acceleration``.
         contact_speed: What the arm's touching point may have in a contact [m/s], for all body parts or by name.
         state_tolerance: How far a reading of the joints' position, velocity and acceleration may be from where the
             applied jerks must have led [rad, rad/s, rad/s²], each for all joints or one a joint.
         graded: Whether the arm is slowed down by and by where only a harder stop is verified.
 
     Raises:
-        ParameterError: A number is negative or not finite, or a speed or ``max_age`` is not positive.
+        ParameterError: A number is negative or not finite, or a speed, ``max_age`` or an acceleration is not positive.
     """
 
     human_speed: float = 1.6
     """No point of a person moves faster [m/s]; ISO 13855's walking speed."""
     limb_speed: float = 2.0
-    """The same for upper limbs, and for all parts whose name is not in :data:`SLOW_PARTS` [m/s]; ISO 13855."""
+    """The same for upper limbs, and for all parts whose name is not in :data:`SLOW_PARTS`, but for feet [m/s];
+    ISO 13855."""
     position_error: float = 0.0
     """Largest error of a measured capsule end [m]."""
     actuation_lag: float = 0.0
@@ -68,6 +84,19 @@ class FailsafeParams:
     """Largest distance of a point of the arm from where the command puts it [m]."""
     max_age: float = 0.2
     """Measurements are grown by their age up to this; older ones are a fault [s]."""
+    foot_speed: float = 4.8
+    """As ``limb_speed``, for the parts in :data:`FOOT_PARTS` [m/s]: three times ISO 13855's walking speed. A foot
+    swings for 40 % of a stride, so 2.5 times as fast as the person walks in the mean; feet were recorded at 3.1 to
+    3.8 m/s. What is called a leg keeps ``human_speed`` though it may end in a foot, see :data:`LEG_SPEEDS`."""
+    end_speeds: Mapping[str, tuple[float, float]] | None = None
+    """Speeds [m/s] that start and end of the capsules of these names do not exceed, instead of the above, such as
+    :data:`ARM_SPEEDS`; ends that are measured the other way round fail open. None: one speed a part."""
+    human_acceleration: float | Mapping[str, float] | None = None
+    """Neither end of a capsule changes its velocity faster [m/s²], for all body parts or by name, and velocities are
+    measured; the parts not named, or None: nobody knows."""
+    velocity_error: float = 0.0
+    """Largest error of a measured velocity of a capsule end [m/s], a filter's lag times the acceleration included; used
+    with ``human_acceleration``."""
     contact_speed: float | Mapping[str, float] = 0.0
     """Speed of the arm's touching point that a contact may have [m/s], for all body parts or by name; the parts not
     named may be touched at rest only."""
@@ -84,9 +113,9 @@ class FailsafeParams:
     def __post_init__(self) -> None:
         if not isinstance(self.graded, bool):
             raise ParameterError(f"graded has to be True or False, got {self.graded!r}")
-        for name in ("human_speed", "limb_speed", "max_age"):
+        for name in ("human_speed", "limb_speed", "foot_speed", "max_age"):
             object.__setattr__(self, name, positive_number(name, getattr(self, name)))
-        for name in ("position_error", "actuation_lag", "tracking_error"):
+        for name in ("position_error", "actuation_lag", "tracking_error", "velocity_error"):
             object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
         speeds = self.contact_speed
         if isinstance(speeds, Mapping):
@@ -96,6 +125,10 @@ class FailsafeParams:
             object.__setattr__(self, "contact_speed", checked)
         else:
             object.__setattr__(self, "contact_speed", number_within("contact_speed", speeds, 0.0))
+        if self.end_speeds is not None:
+            object.__setattr__(self, "end_speeds", _checked_ends(self.end_speeds))
+        if self.human_acceleration is not None:
+            object.__setattr__(self, "human_acceleration", _checked_acceleration(self.human_acceleration))
         object.__setattr__(self, "state_tolerance", _checked_tolerance(self.state_tolerance))
 
     @property
@@ -115,10 +148,23 @@ class FailsafeParams:
         return cls(**values)
 
     def speed_of(self, part: str) -> float:
-        """Speed bound of a body part [m/s]: the limbs' unless its name says that it is none."""
+        """Speed bound of a body part [m/s], ``end_speeds`` aside: the limbs' unless its name says that it is none."""
         name = part.casefold()
+        if any(foot in name for foot in FOOT_PARTS):
+            return max(self.foot_speed, self.limb_speed, self.human_speed)
         known = any(slow in name for slow in SLOW_PARTS) and not any(limb in name for limb in LIMB_PARTS)
         return self.human_speed if known else max(self.limb_speed, self.human_speed)
+
+    def end_speeds_of(self, part: str) -> tuple[float, float]:
+        """Speed bounds of start and end of a body part's capsule [m/s]."""
+        known = self.end_speeds or {}
+        same = self.speed_of(part)
+        return known.get(part, (same, same))
+
+    def acceleration_of(self, part: str) -> float:
+        """Acceleration bound of a body part [m/s²]; 0 if there is none."""
+        bounds = self.human_acceleration
+        return float(bounds.get(part, 0.0)) if isinstance(bounds, Mapping) else bounds or 0.0
 
     def contact_speed_of(self, part: str) -> float:
         """Allowed speed of the arm when it touches a body part [m/s]."""
@@ -146,6 +192,25 @@ class FailsafeParams:
 
 
 _STATE = ("position", "velocity", "acceleration")
+
+
+def _checked_ends(value: Any) -> dict[str, tuple[float, float]]:
+    wanted = "end_speeds has to map names of capsules to their speeds (start, end), positive numbers [m/s]"
+    if not isinstance(value, Mapping):
+        raise ParameterError(f"{wanted}; got {value!r}")
+    found = {}
+    for part, speeds in value.items():
+        start, end = real_array(f"end_speeds[{part!r}]", speeds, (2,), "speeds (start, end)").tolist()
+        if not (start > 0.0 and end > 0.0):
+            raise ParameterError(f"{wanted}; got {speeds!r} for {part!r}")
+        found[str(part)] = start, end
+    return found
+
+
+def _checked_acceleration(value: Any) -> float | dict[str, float]:
+    if isinstance(value, Mapping):
+        return {str(part): positive_number(f"human_acceleration[{part!r}]", bound) for part, bound in value.items()}
+    return positive_number("human_acceleration", value)
 
 
 def _checked_tolerance(value: Any) -> tuple[float | tuple[float, ...], ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.tick import layout, loop
+from jssa_gym.tick.assumed import assume
 from jssa_gym.tick.structs import arms
 from jssa_gym.types import Array
 from jssa_gym.validation import positive_integer
@@ -49,7 +50,7 @@ class Batch:
         self.answer = layout.answer(count, n)
         """What was decided for each; codes become words in :mod:`jssa_gym.shields.words`."""
         self.scene.now[["timed", "joints", "people", "seen", "fixtures"]] = True
-        self.memory.tracks["speed"], self.memory.growth[:], self.memory.touch[:] = filter.assumed(people)
+        assume(self.memory, filter.assumed(people))
         self._work = layout.work(robot, *sizes, static_rows=settings.static_rows)
         self._robot, self._settings, self._proposal = robot, settings, filter.proposal
         self._arms: Any = None

@@ -23,6 +23,7 @@ from jssa_gym.shields.records import Records
 from jssa_gym.shields.tick import Tick
 from jssa_gym.shields.words import Told, in_words, kind_of
 from jssa_gym.tick import codes, layout, loop
+from jssa_gym.tick.assumed import Assumed
 from jssa_gym.tick.decide import ANSWERED, ASK
 from jssa_gym.tick.proposals.nothing import Foreign
 from jssa_gym.tick.propose import KINDS
@@ -190,11 +191,15 @@ class SafetyFilter:
             astray=assumed.displacement(self.robot),
         )
 
-    def assumed(self, names: Sequence[str]) -> tuple[Array, Array, Array]:
-        """How fast body parts move, how fast they can reach an arm and how fast it may touch them, (k,) [m/s]."""
+    def assumed(self, names: Sequence[str]) -> Assumed:
+        """How body parts move, how fast they can reach an arm and how fast it may touch them."""
         params = self.failsafe or FailsafeParams()
-        speed = np.array([params.speed_of(name) for name in names], np.float64)
-        return speed, speed.copy(), np.array([params.contact_speed_of(name) for name in names], np.float64)
+        speed = np.array([params.end_speeds_of(name) for name in names], np.float64).reshape(-1, 2)
+        touch, acceleration = (
+            np.array([of(name) for name in names], np.float64)
+            for of in (params.contact_speed_of, params.acceleration_of)
+        )
+        return Assumed(speed, speed.copy(), touch, acceleration, params.velocity_error)
 
     @cached_property
     def records(self) -> Records:

@@ -15,6 +15,7 @@ from jssa_gym.kernels.verification import CHANGED_PLANES, CHANGED_STATICS, load_
 from jssa_gym.safety.proximity import check_capsules, checked_array, checked_capsules
 from jssa_gym.shields.reasons import FIXTURES
 from jssa_gym.shields.records import Records, View
+from jssa_gym.tick.assumed import Assumed, assume
 from jssa_gym.types import Array, CapsuleSet, Planes, Scene
 
 _FLOAT64, _INT64, _BOOL = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.bool_)
@@ -45,8 +46,7 @@ class Reading:
             compare, and people those of the beginning.
         exact: Whether joint states have to be of double precision then.
         fixed: Whether what stands still is of interest.
-        assumed: Called with the names of human capsules: how fast they move, how fast they can reach an arm, and how
-            fast an arm may touch them, all of shape (k,) [m/s].
+        assumed: Called with the names of human capsules: how they move, and how an arm may touch them.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Reading:
         trusting: bool,
         exact: bool,
         fixed: bool,
-        assumed: Callable[[tuple[str, ...]], tuple[Array, Array, Array]],
+        assumed: Callable[[tuple[str, ...]], Assumed],
     ) -> None:
         self._records, self._assumed = records, assumed
         self._trusting, self._exact, self._fixed = trusting, exact, fixed
@@ -180,10 +180,9 @@ class Reading:
         """Make room for people who are seen for the first time."""
         if names == self.names:
             return
-        speed, growth, touch = self._assumed(names)
+        assumed = self._assumed(names)
         self._records.make_room(people=len(names))
-        memory = self._records.memory
-        memory.tracks["speed"][0], memory.growth[0], memory.touch[0] = speed, growth, touch
+        assume(self._records.memory, assumed)
         self.names = names
 
     def _read_people(self, human: CapsuleSet, age: Any, valid: Any) -> None:

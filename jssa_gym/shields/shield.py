@@ -19,7 +19,7 @@ from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
 from jssa_gym.shields.ahead import AheadFilter
-from jssa_gym.shields.environment import provider, refuse_misfit, robot_and_dt
+from jssa_gym.shields.environment import provider, refuse_misfit, robot_and_dt, tell_of_fast_people
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.offers import Offered
@@ -128,6 +128,8 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
             given = ", ".join((*params, *(("stop",) if stop is not False else ())))
             raise ParameterError(f"{given}: only for a filter by name; one that was built has its own already")
         robot = refuse_misfit(env, filter)
+        if filter.failsafe is not None:
+            tell_of_fast_people(env, filter.failsafe)
         self.filter = copy.deepcopy(filter)
         self.last_decision: Decision | None = None
         self._offered: Offered | None = None

@@ -170,7 +170,7 @@ def read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     return array.copy()
 
 
-def read_header(text: bytes, what: str, version: int) -> dict[str, Any]:
+def read_header(text: bytes, what: str, *versions: int) -> dict[str, Any]:
     """What a file says of itself in JSON: its ``format``, ``jssa_gym`` and what it is, its ``version``, and more.
 
     Raises:
@@ -185,6 +185,7 @@ def read_header(text: bytes, what: str, version: int) -> dict[str, Any]:
     header = json.loads(text.decode(), object_pairs_hook=once)
     if not isinstance(header, dict) or header.get("format") != f"jssa_gym {what}":
         raise ValueError("its header does not say that it is one")
-    if header.get("version") != version or isinstance(header["version"], bool):
-        raise ValueError(f"it is of version {header.get('version')!r}; this package reads {version}")
+    if header.get("version") not in versions or isinstance(header["version"], bool):
+        known = " and ".join(map(str, sorted(versions)))
+        raise ValueError(f"it is of version {header.get('version')!r}; this package reads {known}")
     return header

@@ -10,6 +10,7 @@ import numpy as np
 from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.margin import margin
 from jssa_gym.kernels.motion import integrate, make_representable, representable
+from jssa_gym.kernels.occupancy import confine_people
 from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk
 from jssa_gym.kernels.vector import copy, copy_rows
 from jssa_gym.kernels.verification import (
@@ -75,7 +76,8 @@ def plan_behind(settings, memory, jerk, hardness, work, e):
 @part
 def _seen_by_stop(settings, memory, work, e):
     return Around(
-        work.grown, work.reach, memory.growth[e], memory.touch[e], memory.statics[e], memory.planes[e], settings.astray
+        work.grown, work.reach, memory.growth[e], memory.touch[e], work.confined, memory.statics[e], memory.planes[e],
+        settings.astray,
     )  # fmt: skip
 
 
@@ -175,11 +177,13 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
 
 @jit
 def grow_people(settings, memory, work, e):
-    """What the stop sees of the people: as they were measured, and how far they can have come since."""
+    """What the stop sees of the people: as they were measured, how far they can have come since, what confines them."""
+    error = settings.position_error + settings.astray
     load_people(
-        work.people[0], work.people[1], work.radius, memory.growth[e], work.age, settings.lag,
-        settings.position_error + settings.astray, work.grown, work.reach,
+        work.people[0], work.people[1], work.radius, memory.growth[e], work.age, settings.lag, error,
+        work.grown, work.reach,
     )  # fmt: skip
+    confine_people(work.people, work.age, settings.lag, error, memory.tracks[e], work.confined)
 
 
 @part

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.kernels.projection import scratch
-from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, STOP, TRACK, records
+from jssa_gym.kernels.records import AGENT, CONFINED, FRAME, PAIR, PLANE, SEGMENT, STOP, TRACK, records
 
 Floats = NDArray[np.float64]
 
@@ -134,7 +134,7 @@ class Memory(NamedTuple):
     tracks: NDArray
     """What is remembered of human capsules, shape (k,) of ``TRACK``."""
     growth: Floats
-    """How fast people can come, shape (k,) [m/s]."""
+    """How fast people can come, at their faster ends, shape (k,) [m/s]."""
     touch: Floats
     """Speed of a point of the arm with which they may be touched, shape (k,) [m/s]."""
     statics: NDArray
@@ -256,6 +256,8 @@ class Work(NamedTuple):
     """What the stop sees: people as they were measured, shape (k,) of ``AGENT``."""
     reach: Floats
     """How far they can have come since, shape (k,) [m]."""
+    confined: NDArray
+    """What confines them more closely, shape (k,) of ``CONFINED``."""
     frames: NDArray
     """The arm, shape (n,) of ``FRAME`` ..."""
     segments: NDArray
@@ -378,6 +380,7 @@ def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_row
         planes=records(sides, PLANE),
         grown=records(people, AGENT),
         reach=np.zeros(people),
+        confined=records(people, CONFINED),
         frames=records(n, FRAME),
         segments=records(m, SEGMENT),
         frames_now=records(n, FRAME),

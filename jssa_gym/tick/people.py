@@ -3,6 +3,7 @@
 import numpy as np
 
 from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.occupancy import UNCONFIRMED
 from jssa_gym.kernels.people import COVERED, judge_people
 from jssa_gym.tick import codes
 from jssa_gym.tick.joints import timely
@@ -23,6 +24,7 @@ def forget_people(memory, e):
             for i in range(3):
                 track["trusted"][row, i] = track["seen"][row, i] = np.nan
         track["radius"], track["stamp"], track["first"] = np.nan, -np.inf, -np.inf
+        track["steady"] = UNCONFIRMED
 
 
 @part

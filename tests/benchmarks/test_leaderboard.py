@@ -57,6 +57,45 @@ def test_who_does_worse_is_behind_and_who_does_as_well_is_tied(tmp_path, monkeyp
     assert "`ours` on moving contact: first or tied in 1 of 1 cells" in told
 
 
+def with_motion(folder, told):
+    """The same episodes with the columns of motion and time, by filter and seed."""
+    path = folder / "episodes.csv"
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, [*rows[0], *told("ours", 0)])
+        writer.writeheader()
+        writer.writerows(row | told(row["filter"], int(row["seed"])) for row in rows)
+
+
+def test_motion_and_times_are_told_and_old_folders_have_none(tmp_path, monkeypatch, capsys):
+    outcomes = {"ours": (lambda seed: seed < 30, never), "none": (always, never)}
+    folder = comparison(tmp_path / "a", outcomes, task="reach")
+    told = verdict(monkeypatch, capsys, folder)
+    assert "| `ours` | - | - | - | - | - | -, lost 10 of 40 |" in told
+    assert "| `none` | - | - | - | - | - | - |" in told
+
+    def motion(name, seed):
+        """The median of ours is that of 3 and 1 s, of which there are as many; each as long again as without."""
+        time = (3.0 if seed % 2 else 1.0) / (1.0 if name == "ours" else 2.0)
+        reached = name == "none" or seed < 30
+        return {
+            "jerk_jumps_shield": 0.02 if name == "ours" else 0.0,
+            "jerk_jumps_nominal": 0.01 * (seed % 2),
+            "status_switches": 3.5,
+            "jerk_rms": 0.25,
+            "time_to_goal": time if reached else "",
+        }
+
+    with_motion(folder, motion)
+    told = verdict(monkeypatch, capsys, folder)
+    assert "| `ours` | 2 % | 0.5 % | 3.5 /s | 25 % | 2 s | 2 (2 to 2), lost 10 of 40 |" in told
+    assert "| `none` | 0 % | 0.5 % | 3.5 /s | 25 % | 1 s | - |" in told
+    held = comparison(tmp_path / "b", outcomes)  # at home, of an older version
+    told = verdict(monkeypatch, capsys, folder, held)
+    assert "| `ours` | 2 % | 0.5 % | 3.5 /s | 25 % | 2 s | 2 (2 to 2), lost 10 of 40 |" in told
+
+
 def test_a_cell_in_which_somebody_misses_seeds_counts_for_nobody(tmp_path, monkeypatch, capsys):
     outcomes = {"ours": (always, never), "rival": (always, never)}
     one, other = comparison(tmp_path / "a", outcomes), comparison(tmp_path / "b", outcomes, task="reach")

@@ -75,13 +75,13 @@ def test_an_episode_of_every_task_can_be_saved(task, tmp_path):
     np.testing.assert_array_equal(recorded.goal[-1], env.goal.ravel())
 
 
-VERSION_2 = {
+VERSION_3 = {
     "f8": "mount initial_state initial_human human_radius plane_normal plane_offset time position velocity "
     "acceleration jerk nominal goal reward distance speed acceleration_of_distance contact_speed correction phi slack "
-    "shield_time human_start human_end",
+    "margin override shield_time human_start human_end",
     "b1": "success limit_violation contact intervened",
-    "i8": "human_person pair status",
-    "U": "reason",
+    "i8": "human_person pair status choice",
+    "U": "reason kind",
     "header": "format version meta name dt robot dynamics task holds d_min ended human_names plane_names",
 }
 """What is in a file, whatever becomes of :class:`Trace`: another content is another version."""
@@ -94,8 +94,8 @@ def test_a_file_has_what_its_version_says(path):
         for name in set(archive.files) - {"header"}:
             dtype = archive[name].dtype
             found.setdefault("U" if dtype.kind == "U" else dtype.str[1:], set()).add(name)
-    assert (header["format"], header["version"]) == ("jssa_gym trace", 2)
-    assert found | {"header": set(header)} == {kind: set(names.split()) for kind, names in VERSION_2.items()}
+    assert (header["format"], header["version"]) == ("jssa_gym trace", 3)
+    assert found | {"header": set(header)} == {kind: set(names.split()) for kind, names in VERSION_3.items()}
 
 
 def test_a_trace_comes_back_bit_for_bit(trace, path):
@@ -105,6 +105,47 @@ def test_a_trace_comes_back_bit_for_bit(trace, path):
     assert len(set(trace.reason)) > 1
     same(trace, load_trace(path))
     assert read_meta(path) == {"seed": 0}
+
+
+def earlier(header, arrays):
+    """What an episode was before shields told of margin, kind, choice and override."""
+    header.update(version=2)
+    for name in ("margin", "kind", "choice", "override"):
+        arrays.pop(name)
+
+
+def test_a_file_of_the_version_before_says_nothing_of_what_came_later(trace, path):
+    path.write_bytes(repacked(path, earlier))
+    old = load_trace(path)
+    assert np.isnan([old.margin, old.override]).all()
+    assert (set(old.kind), set(old.choice)) == ({""}, {-1})
+    later = {name: getattr(old, name) for name in ("margin", "kind", "choice", "override")}
+    same(dataclasses.replace(trace, **later), old)
+    assert read_meta(path) == {"seed": 0}
+    save_trace(old, path)
+    same(old, load_trace(path))
+
+
+class Telling(gym.Wrapper):
+    """A shield that says of every step what is recorded of it."""
+
+    def step(self, action):
+        *rest, info = self.env.step(action)
+        k = round(125.0 * self.unwrapped.scene.time)
+        kind = "alternative" if k % 3 else "graded"
+        info |= {"shield/margin": np.inf if k % 4 else 0.25 * k, "shield/kind": kind, "shield/choice": k % 3 - 1}
+        info |= {"shield/override": 1.0 / k}
+        return *rest, info
+
+
+def test_what_a_shield_says_of_a_step_is_recorded(tmp_path):
+    recorded = rollout(Telling(gym.make("jssa_gym/Home-v0", terminate_on=())), lambda _: np.zeros(6), seed=0, steps=6)
+    assert recorded.margin.tolist() == [np.inf, np.inf, np.inf, 1.0, np.inf, np.inf]
+    assert recorded.kind.tolist() == ["alternative", "alternative", "graded"] * 2
+    assert recorded.choice.tolist() == [0, 1, -1] * 2
+    assert recorded.override.tolist() == [1.0 / k for k in range(1, 7)]
+    save_trace(recorded, tmp_path / "told.npz")
+    same(recorded, load_trace(tmp_path / "told.npz"))
 
 
 def test_so_does_one_with_nobody_without_a_shield(tmp_path):
@@ -227,9 +268,11 @@ def _with_object(path: Path, field: str, bait: np.ndarray) -> bytes:
         (lambda h, a: h.update(dt="fast"), "dt has to be"),
         (lambda h, a: h.update(dt=-1.0), "dt has to be"),
         (lambda h, a: h.update(robot=None), "robot has to be a string"),
+        (lambda h, a: a.pop("margin"), "margin"),
+        (lambda h, a: (earlier(h, a), a.pop("slack")), "slack"),
         (lambda h, a: h.pop("robot"), "robot"),
         (lambda h, a: h.update(version=1), "version 1"),
-        (lambda h, a: h.update(version=3), "version 3"),
+        (lambda h, a: h.update(version=4), "version 4; this package reads 2 and 3"),
         (lambda h, a: h.update(d_min=0), "d_min has to be"),
         (lambda h, a: h.update(holds=1), "holds has to be"),
         (lambda h, a: h.pop("ended"), "ended"),

@@ -29,6 +29,7 @@ from jssa_gym.humans import (
     together,
 )
 from jssa_gym.humans.body import NAMES, PARTS
+from jssa_gym.safety.failsafe import ARM_SPEEDS
 from jssa_gym.types import CapsuleSet
 
 DT = 0.008
@@ -111,6 +112,27 @@ def test_people_keep_their_distance_and_their_speed(name, count):
         if motion.people:
             assert np.hypot(*roots(seen).T).min() >= motion.clearance
             assert motion.clearance == (0.0 if name == "pursuit" else 0.6)
+
+
+def test_arms_begin_at_the_shoulder_and_both_ends_keep_their_speeds(name):
+    """What :data:`ARM_SPEEDS` says of this package's own people: fast or slow, everybody who is in ``HUMANS``."""
+    arms = 0
+    for seed in range(10):
+        seen = walk(HUMANS[name](), seed, steps=600)
+        for part, bounds in ARM_SPEEDS.items():
+            for k in (k for k, of in enumerate(seen[0].names) if of == part):
+                shoulder, hand = (np.array([getattr(one, end)[k] for one in seen]) for end in ("start", "end"))
+                body = seen[0].names.index("core_body")
+                neck = np.array([one.end[body] for one in seen])
+                # a shoulder keeps its place beside the upper end of the body; a hand does not get there
+                near = np.linalg.norm(shoulder - neck, axis=1)
+                assert near.max() < 0.3
+                assert np.ptp(near) < 0.05
+                assert np.all(np.linalg.norm(hand - shoulder, axis=1) > 0.05)
+                for end, bound in zip((shoulder, hand), bounds, strict=True):
+                    assert np.linalg.norm(np.diff(end, axis=0), axis=1).max() <= bound * DT + 1e-9
+                arms += 1
+    assert arms >= (0 if name == "none" else 10)
 
 
 def test_nothing_moves_faster_than_the_bound(name):

@@ -241,7 +241,11 @@ def test_the_bound_is_the_fastest_of_the_data():
     assert Recorded(recording).speed_bound == recording.speed
     end = recording.end.copy()
     end[10, 2] += [0.0, 0.3, 0.0]  # a hand that jumps for one sample: 0.3 m in 0.1 s, across the walk
-    assert dataclasses.replace(recording, end=end).speed == pytest.approx(np.hypot(3.0, 0.7), rel=1e-9)
+    recording = dataclasses.replace(recording, end=end)
+    assert recording.speed == pytest.approx(np.hypot(3.0, 0.7), rel=1e-9)
+    expected = np.full((6, 2), 0.7)
+    expected[2, 1] = np.hypot(3.0, 0.7)
+    np.testing.assert_allclose(recording.end_speeds, expected, rtol=1e-9)
 
 
 def test_what_comes_afterwards():

@@ -10,7 +10,7 @@ from numba import njit
 from jssa_gym.kernels.ahead import Foresight, predicted_rows
 from jssa_gym.kernels.margin import margin
 from jssa_gym.kernels.motion import integrate
-from jssa_gym.kernels.records import AGENT, PLANE, STOP, records
+from jssa_gym.kernels.records import AGENT, CONFINED, PLANE, STOP, records
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.kernels.verification import Around, StepAndStop
@@ -78,7 +78,9 @@ def gap_of(robot, chain, q, i, agent, t=0.0):
 
 
 def around_of(case, reach, growth, touch):
-    return Around(case.people, reach, growth, touch, records(0, AGENT), records(0, PLANE), 0.0)
+    return Around(
+        case.people, reach, growth, touch, records(len(reach), CONFINED), records(0, AGENT), records(0, PLANE), 0.0
+    )
 
 
 @njit

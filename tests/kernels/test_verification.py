@@ -10,7 +10,7 @@ from numba import njit
 
 from jssa_gym.kernels import verification as ver
 from jssa_gym.kernels.motion import integrate
-from jssa_gym.kernels.records import AGENT, PLANE, STOP, records
+from jssa_gym.kernels.records import AGENT, CONFINED, PLANE, STOP, records
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.robots import RobotModel
@@ -201,6 +201,7 @@ class Case:
                 agent["start"], agent["end"], agent["radius"] = start, end, radius
         for plane, (normal, offset) in zip(self.planes, planes, strict=True):
             plane["normal"], plane["offset"] = normal, offset
+        self.confined = records(len(people), CONFINED)
         self.reach, self.speed, self.touch = (np.array([person[k] for person in people], float) for k in (3, 4, 5))
 
     def verdict(self, *, own=False, swing=None):
@@ -214,7 +215,7 @@ class Case:
         count = len(self.agents), len(self.statics), len(self.planes)
         work = layout.work(arm, *count, static_rows=False)
         around = ver.Around(
-            self.agents, self.reach, self.speed, self.touch, self.statics, self.planes, self.margin
+            self.agents, self.reach, self.speed, self.touch, self.confined, self.statics, self.planes, self.margin
         )  # fmt: skip
         return ver.keeps_clear(arm, moved, motion.ticks, around, work)
 

@@ -874,6 +874,10 @@ def test_a_contact_speed_is_for_one_part_only(robot, make_scene):
         ({"actuation_lag": "x"}, "actuation_lag"), ({"contact_speed": -1.0}, "contact_speed"),
         ({"contact_speed": np.inf}, "contact_speed"),
         ({"contact_speed": {"head": np.nan}}, "head"), ({"contact_speed": None}, "contact_speed"),
+        ({"end_speeds": {"arm": (1.6, 0.0)}}, "end_speeds"), ({"end_speeds": {"arm": 2.0}}, "arm"),
+        ({"end_speeds": {"arm": (1.0, np.nan)}}, "arm"), ({"end_speeds": [1.6, 2.0]}, "end_speeds"),
+        ({"human_acceleration": 0.0}, "human_acceleration"), ({"velocity_error": -0.1}, "velocity_error"),
+        ({"human_acceleration": {"head": np.inf}}, "head"), ({"human_acceleration": "x"}, "human_acceleration"),
     ],
 )  # fmt: skip
 def test_assumptions_that_are_none_are_refused(options, word):
@@ -1128,7 +1132,8 @@ def test_a_radius_that_changes_at_once_is_not_believed(robot, make_scene):
 @pytest.mark.parametrize(
     ("part", "speed"), [("RightHand", 2.0), ("left_wrist", 2.0), ("thing", 2.0), ("forearm of the body", 2.0),
                         ("body.LeftElbow", 2.0), ("upper_body_right_wrist", 2.0), ("body_index_finger", 2.0),
-                        ("Head", 1.6), ("core_body", 1.6), ("left_leg", 1.6)]
+                        ("Head", 1.6), ("core_body", 1.6), ("left_leg", 1.6), ("LeftKnee", 1.6), ("LeftFoot", 4.8),
+                        ("left_ankle", 4.8), ("toe of the left leg", 4.8), ("forefeet", 4.8), ("right_heel", 4.8)]
 )  # fmt: skip
 def test_a_part_is_taken_for_fast_unless_its_name_says_that_it_is_not(part, speed):
     assert FailsafeParams().speed_of(part) == speed

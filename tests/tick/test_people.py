@@ -12,6 +12,7 @@ from strollers import DT, Stage, ends_of
 from jssa_gym.envs.faults import FAULTS, SensorFaults
 from jssa_gym.envs.sensor import SensorModel
 from jssa_gym.humans import nobody
+from jssa_gym.kernels.occupancy import STEADY, SWERVED, UNCONFIRMED
 from jssa_gym.types import CapsuleSet
 
 SPEED, ERROR, MAX_AGE = 2.0, 0.01, 0.2
@@ -183,6 +184,101 @@ def test_every_capsule_has_its_own_speed():
     watch = monitor.update(0.1, person(0.2), ages(), BOTH)
     np.testing.assert_allclose(watch.age, [0.1, 0.0])
     assert "head" in watch.reason
+
+
+def test_every_end_has_its_own_speed():
+    """A start that moves as fast as an end may is not believed, and the other way round."""
+    monitor = HumanMonitor([[1.0, 3.0], [3.0, 1.0]])
+    monitor.update(0.0, person(), ages(), BOTH)
+    ends = person()
+    way = np.outer([0.05, 0.2], X)
+    quick = ends._replace(start=ends.start + way, end=ends.end + way[::-1])
+    assert monitor.update(0.1, quick, ages(), BOTH).reason == ""
+    for field, row, name in (("start", 0, "head"), ("end", 1, "left_arm")):
+        monitor.reset()
+        monitor.update(0.0, person(), ages(), BOTH)
+        watch = monitor.update(0.1, spoilt(person(), field, 0.2, (row, 0)), ages(), BOTH)
+        assert watch.reason == f"{name} of person 0: jumped farther than it can have moved"
+        np.testing.assert_allclose(watch.age[row], 0.1)
+
+
+def swerving(monitor, people, time=DT):
+    """What becomes of the second capsule's acceleration bound: a sample of somebody who stands, then another."""
+    monitor.reset()
+    monitor.update(0.0, person(), ages(), BOTH)
+    assert monitor.steady == [UNCONFIRMED] * 2
+    assert not monitor.update(time, people, ages(), BOTH).fault
+    return monitor.steady[1]
+
+
+def test_who_changes_velocity_or_place_faster_than_the_bound_has_swerved():
+    """Of either end: what the velocity changes by, and what the place is off the last velocity's way."""
+    monitor = HumanMonitor(SPEED, acceleration=5.0, velocity_error=0.1)
+    assert swerving(monitor, person()) == STEADY
+    for field in ("start_velocity", "end_velocity"):
+        assert swerving(monitor, spoilt(person(), field, 5.0 * DT + 0.2 - 1e-4, (1, 1))) == STEADY
+        assert swerving(monitor, spoilt(person(), field, 5.0 * DT + 0.2 + 1e-4, (1, 1))) == SWERVED
+    # a source that says 0 of whoever moves lies
+    far = 0.1 * DT + 5.0 * DT**2 / 2.0
+    at = {"start": 0.0, "end": 0.0}
+    for field, x in at.items():
+        assert swerving(monitor, spoilt(person(), field, x + far, (1, 0))) == STEADY
+        assert swerving(monitor, spoilt(person(), field, x + far + 1e-5, (1, 0))) == SWERVED
+        assert swerving(monitor, spoilt(person(), field, 1.0 * DT, (1, 0))) == SWERVED
+    # a radius that grows moves the surface
+    assert swerving(monitor, spoilt(person(), "radius", 0.1 + far + 1e-5, 1)) == SWERVED
+    # somebody else is none the worse, and errors of both samples are allowed for
+    assert monitor.steady[0] == STEADY
+    noisy = HumanMonitor(SPEED, position_error=ERROR, acceleration=5.0, velocity_error=0.1)
+    assert swerving(noisy, spoilt(person(), "start", far + 2 * ERROR, (1, 0))) == STEADY
+    # samples that are not believed count too
+    assert swerving(monitor, spoilt(person(), "start", 0.5, (1, 0))) == SWERVED
+
+
+def test_who_has_swerved_once_is_not_granted_the_bound_again(monitor):
+    monitor = HumanMonitor(SPEED, acceleration=5.0)
+    assert swerving(monitor, person(0.0, 0.1)) == SWERVED
+    for k in range(2, 100):
+        assert not monitor.update(k * DT, person(0.1 * (k - 1) * DT, 0.1), ages(), BOTH).fault
+    assert monitor.steady == [SWERVED] * 2
+    monitor.reset()
+    assert monitor.steady == [UNCONFIRMED] * 2
+    monitor.update(0.0, person(0.0, 0.1), ages(), BOTH)
+    # nothing new confirms nothing
+    monitor.update(DT, person(0.0, 0.1), ages(DT, DT), BOTH)
+    assert monitor.steady == [UNCONFIRMED] * 2
+    monitor.update(2 * DT, person(0.2 * DT, 0.1), ages(), BOTH)
+    assert monitor.steady == [STEADY] * 2
+
+
+def test_what_is_not_new_or_not_believed_confirms_no_acceleration_bound():
+    """Stamps are differences, a rounding is no later moment; who is faster than A1 says may be so evenly."""
+    monitor = HumanMonitor(SPEED, acceleration=5.0)
+    monitor.update(0.3, person(), ages(0.1, 0.1), BOTH)
+    assert 0.3 - 0.1 < 0.5 - 0.3
+    monitor.update(0.3 + 0.2, person(), ages(0.3, 0.3), BOTH)
+    assert monitor.steady == [UNCONFIRMED] * 2
+    # nor is who was too far away to have come, without a velocity that says so
+    brisk = HumanMonitor(SPEED, acceleration=60.0)
+    brisk.update(0.0, person(), ages(), BOTH)
+    assert "jumped" in brisk.update(0.1, person(0.25), ages(), BOTH).reason
+    assert brisk.steady == [UNCONFIRMED] * 2
+
+
+def test_a_velocity_beyond_the_speed_bound_and_its_error_has_swerved():
+    """Who says so breaks one of the two bounds, however evenly: of each end, by its own."""
+    monitor = HumanMonitor([[1.0, 3.0], [3.0, 1.0]], acceleration=5.0, velocity_error=0.1)
+    for row, (start, end) in enumerate(((1.0, 3.0), (3.0, 1.0))):
+        for field, bound in (("start_velocity", start), ("end_velocity", end)):
+            for over, verdict in ((-1e-4, STEADY), (1e-4, SWERVED)):
+                way = spoilt(person(), field, bound + 0.1 + over, (row, 1))
+                monitor.reset()
+                monitor.update(0.0, way, ages(), BOTH)
+                # as far as the bound lets it come, which the error explains
+                getattr(way, field.removesuffix("_velocity"))[row, 1] += bound * DT
+                monitor.update(DT, way, ages(), BOTH)
+                assert monitor.steady[row] == verdict
+                assert monitor.steady[1 - row] == STEADY
 
 
 def test_a_frozen_sample_ages_however_fresh_it_claims_to_be(monitor):
