@@ -101,7 +101,7 @@ PERSON = """                radii = part["radius"] + agent["radius"]
 """
 STATIC = """                radii = part["radius"] + static["radius"]"""
 FAILED = """            reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
-            self._log(reason)
+            self._alarm.failure("filter", f"{reason}; the arm brakes")
             return self.failed(tick, reason)"""
 ROW = """        row[j] = -slope"""
 
@@ -260,7 +260,7 @@ MUTANTS = [
     _admit("stored stop goes on two ticks", 'arm["step"] += 1\n', 'arm["step"] += 2\n', PROMISES),
     _admit("expectation not kept", "copy_rows(work.after, memory.expected[e])\n", "pass\n", PROMISES),
     _monitor("a deviation is ignored", "    return code, ticks\n", "    return 0, ticks\n", FAULTS),
-    _filter("nobody is told", "if persistent and not self._warned:", "if False:"),
+    Mutant("nobody is told", "shields/alarm.py", "if persistent and not self._said_astray:", "if False:", FAULTS),
     _monitor(
         "a stop that did not end in rest is the last",
         'arm["rests"] = begun and at_rest(memory.expected[e])',
@@ -622,16 +622,16 @@ MUTANTS = [
         (OFFERS, "known_of_nobody"),
     ),
     Mutant(
-        "predicted rows without a projection are kept",
-        "tick/proposals/ahead.py",
-        'return codes.UNSOLVED if np.isnan(told["slack"]) else of_rows(told)',
+        "rows without a projection are kept",
+        "tick/proposals/rows.py",
+        'return of_rows(told) if told["slack"] < np.inf else codes.UNSOLVED',
         "return of_rows(told)",
         (OFFERS, "projection_of_predicted"),
     ),
     Mutant(
         "a fault told through what has failed",
         "shields/filter.py",
-        "emergency if path is None else emergency._replace(override=tell(path, -1))",
+        "emergency if path is None else emergency._replace(override=tell(path, -1, self._alarm))",
         "emergency if path is None else self._chosen(path, emergency)",
         (OFFERS, "out_of_order"),
     ),

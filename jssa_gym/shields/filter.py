@@ -1,6 +1,5 @@
 """The interface of a safety filter, and the part that all of them share: failing closed."""
 
-import logging
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, ClassVar
@@ -13,6 +12,7 @@ from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams, levers
+from jssa_gym.shields.alarm import Alarm
 from jssa_gym.shields.answers import sound
 from jssa_gym.shields.copying import refuse_shared_memory
 from jssa_gym.shields.offers import Offered, alternatives_of, tell
@@ -29,11 +29,6 @@ from jssa_gym.tick.proposals.nothing import Foreign
 from jssa_gym.tick.propose import KINDS
 from jssa_gym.types import Array, Decision, Scene, Status
 from jssa_gym.validation import positive_number
-
-_logger = logging.getLogger("jssa_gym")
-
-_LONG = 125
-"""Faults in a row that are said aloud: a second of them."""
 
 _STATUSES = tuple(Status)
 
@@ -111,8 +106,7 @@ class SafetyFilter:
         if failsafe is not None and not isinstance(failsafe, FailsafeParams):
             raise ParameterError(f"failsafe has to be None or FailsafeParams, got {failsafe!r}")
         self.viability, self.failsafe = viability, failsafe
-        # faults in a row; whether those, and joints that are astray for good, have been said aloud; the last failure
-        self._faults, self._told, self._warned, self._logged = 0, False, False, ""
+        self._alarm = Alarm()
         if failsafe is not None:
             failsafe.tolerance_of(robot)
         announce_compilation(loop.decide_all)
@@ -267,7 +261,8 @@ class SafetyFilter:
 
     def reset(self, scene: Scene) -> None:
         """Forget the past: a new episode begins with ``scene``."""
-        reading, self._faults = self._reading, 0
+        reading = self._reading
+        self._alarm.well()
         reading.forget()
         reading.read(scene)
         loop.start(self.records.view.arms)
@@ -323,7 +318,7 @@ class SafetyFilter:
         except Exception as error:  # reading raises for no scene: this came from the step itself
             reason = f"the control step failed: {type(error).__name__}: {words_of(error)}"
             emergency = self._emergency(scene, nominal, reason, decided)
-            return emergency if path is None else emergency._replace(override=tell(path, -1))
+            return emergency if path is None else emergency._replace(override=tell(path, -1, self._alarm))
 
     @property
     def compiled(self) -> bool:
@@ -343,8 +338,7 @@ class SafetyFilter:
         numbers, jerk = view.told.item(), view.jerk.copy()
         status, phi, distance, row, column, slack, rows = numbers[:7]
         if status == 0 and proposed is None:  # NOMINAL, the usual case: there is nothing to say
-            if self._faults:
-                self._faults = 0
+            self._alarm.well()
             margin = numbers[-1]
             return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows, margin)
         told, pair = Told(*numbers), (row, column)
@@ -355,9 +349,9 @@ class SafetyFilter:
         if proposed is not None and told.chosen > 0 and not np.isnan(phi):
             phi, distance, pair = self._foreseen(proposed, jerk.copy())
         if told.status == Status.FAULT:
-            self._count_fault(reason, told.persistent)
+            self._alarm.fault(reason, told.persistent)
         else:
-            self._faults = 0
+            self._alarm.well()
         return Decision(
             jerk, nominal, _STATUSES[status], reason, phi, distance, pair, slack, rows, told.margin, kind_of(told)
         )  # fmt: skip
@@ -368,7 +362,8 @@ class SafetyFilter:
         guarded = self.records.settings.guarded
         state = self.expected if guarded else view.joints
         margin = float(view.told[0]["margin"]) if guarded else np.inf
-        view.now[0]["alternatives"] = alternatives_of(path, state.copy(), margin, self.records.scene.alternatives[0])
+        room = self.records.scene.alternatives[0]
+        view.now[0]["alternatives"] = alternatives_of(path, state.copy(), margin, room, self._alarm)
 
     def _chosen(self, path: Offered, decision: Decision) -> Decision:
         """Tell a path what became of what it offered."""
@@ -379,7 +374,7 @@ class SafetyFilter:
                 offered = self.records.scene.alternatives[0, : view.now[0]["alternatives"]]
                 same = np.abs(offered - decision.jerk).max(axis=1) <= 1e-12 * np.max(self.robot.limits.jerk)
                 choice = int(same.argmax()) if same.any() else -1
-        override = tell(path, choice)
+        override = tell(path, choice, self._alarm)
         if choice < 0:
             return decision._replace(override=override)
         return decision._replace(nominal=decision.jerk.copy(), choice=choice, kind="alternative", override=override)
@@ -391,32 +386,9 @@ class SafetyFilter:
         except Exception as error:
             return f"{REASONS.get(abs(told.code), '')} ({type(error).__name__})"
 
-    def _count_fault(self, reason: str, persistent: bool) -> None:
-        """Say aloud what goes on for long."""
-        self._faults += 1
-        if persistent and not self._warned:
-            self._warned = True
-            _logger.warning(
-                "The arm is not where the applied jerks lead, again and again (%s): something else moves it, or its "
-                "readings are not those of the commanded state. The shield keeps braking. jssa_gym.check_env(env) "
-                "names what is wrong with an environment; FailsafeParams(state_tolerance=...) is for measured states.",
-                reason,
-            )
-        if self._faults == _LONG and not self._told:
-            self._told = True
-            _logger.warning(
-                "Every decision of the last %d control steps was a FAULT (%s): the arm does not move.", _LONG, reason
-            )
-
-    def _log(self, reason: str) -> None:
-        """Where a failure came from, with its traceback: once, not in every tick in which it goes on."""
-        if reason != self._logged:
-            self._logged = reason
-            _logger.exception("%s; the arm brakes", reason)
-
     def _emergency(self, scene: Scene | None, nominal: Array, reason: str, decided: bool) -> Decision:
         """Brake though the control step itself failed; once it has ``decided``, that is what the arm does."""
-        self._log(reason)
+        self._alarm.failure("step", f"{reason}; the arm brakes")
         jerk = np.zeros(self.robot.n)  # the last resort is to add nothing
         try:
             view = self.records.view
@@ -426,8 +398,8 @@ class SafetyFilter:
             if view.told[0]["unverified"]:
                 reason = f"{reason}; no verified stop"
         except Exception:
-            _logger.exception("the arm cannot even brake")
-        self._count_fault(reason, False)
+            self._alarm.failure("brake", "the arm cannot even brake")
+        self._alarm.fault(reason, persistent=False)
         return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0, kind="fault")
 
     def _brake(self, scene: Scene | None) -> None:
@@ -486,7 +458,7 @@ class SafetyFilter:
             return sound(self.respond(tick), tick.nominal.shape)
         except Exception as error:  # whatever a filter runs into, the arm must go on safely
             reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
-            self._log(reason)
+            self._alarm.failure("filter", f"{reason}; the arm brakes")
             return self.failed(tick, reason)
 
     def _amended(self, tick: Tick, decision: Decision | None, held: int) -> Array:
@@ -500,7 +472,7 @@ class SafetyFilter:
             if jerk.shape != halt.shape or jerk.dtype != np.float64:
                 raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
         except Exception:  # whatever a filter runs into, the arm must go on safely
-            _logger.exception("the filter failed to spare joints; all follow the stored stop")
+            self._alarm.failure("joints", "the filter failed to spare joints; all follow the stored stop")
             return halt
         return jerk
 

@@ -1,15 +1,13 @@
 """What a planner offers a shield beside its nominal: jerks in order of preference, taken so that nothing can fail."""
 
-import logging
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.shields.alarm import Alarm
 from jssa_gym.tick.layout import ALTERNATIVES
 from jssa_gym.types import Array
-
-_logger = logging.getLogger("jssa_gym")
 
 
 @runtime_checkable
@@ -39,7 +37,7 @@ Offered = Path | Array
 """A path; or the alternatives themselves."""
 
 
-def alternatives_of(offered: Offered, state: Array, margin: float, out: NDArray) -> int:
+def alternatives_of(offered: Offered, state: Array, margin: float, out: NDArray, alarm: Alarm) -> int:
     """Take down what is offered into ``out`` (8, n); how many that are, 0 for what is no offer at all.
 
     What the numbers are worth is decided where they are admitted.
@@ -53,11 +51,11 @@ def alternatives_of(offered: Offered, state: Array, margin: float, out: NDArray)
         out[:count] = jerks[:count]
         return count
     except Exception:  # whatever a planner runs into, the arm must go on safely
-        _logger.exception("a path was not to be had; the shield goes by the nominal")
+        alarm.failure("path", "a path was not to be had; the shield goes by the nominal")
         return 0
 
 
-def tell(offered: Offered, choice: int) -> float:
+def tell(offered: Offered, choice: int, alarm: Alarm) -> float:
     """Tell the planner what was chosen; the pace that it had asked for, 1 where nobody knows."""
     if isinstance(offered, np.ndarray):
         return 1.0
@@ -65,5 +63,5 @@ def tell(offered: Offered, choice: int) -> float:
         offered.took(choice)
         return float(offered.override)
     except Exception:  # as above
-        _logger.exception("a path failed when it was told what was chosen")
+        alarm.failure("told", "a path failed when it was told what was chosen")
         return 1.0

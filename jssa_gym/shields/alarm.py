@@ -1,0 +1,43 @@
+"""What a shield says aloud: failures with their tracebacks, and faults that go on for long."""
+
+import logging
+
+_logger = logging.getLogger("jssa_gym")
+
+LONG = 125
+"""Faults in a row that are said aloud: a second of them."""
+
+
+class Alarm:
+    """Says everything once: what is wrong in one control step is wrong in the next."""
+
+    def __init__(self) -> None:
+        self._faults, self._failures = 0, dict[str, str]()
+        self._said_long = self._said_astray = False
+
+    def fault(self, reason: str, persistent: bool) -> None:
+        """Count a fault; a second of them in a row is said, and an arm that is astray for good (``persistent``)."""
+        self._faults += 1
+        if persistent and not self._said_astray:
+            self._said_astray = True
+            _logger.warning(
+                "The arm is not where the applied jerks lead, again and again (%s): something else moves it, or its "
+                "readings are not those of the commanded state. The shield keeps braking. jssa_gym.check_env(env) "
+                "names what is wrong with an environment; FailsafeParams(state_tolerance=...) is for measured states.",
+                reason,
+            )
+        if self._faults == LONG and not self._said_long:
+            self._said_long = True
+            _logger.warning(
+                "Every decision of the last %d control steps was a FAULT (%s): the arm does not move.", LONG, reason
+            )
+
+    def well(self) -> None:
+        """A control step without a fault: they are counted anew."""
+        self._faults = 0
+
+    def failure(self, where: str, what: str) -> None:
+        """Log the exception that is handled, with its traceback, unless it is the last one from there again."""
+        if self._failures.get(where) != what:
+            self._failures[where] = what
+            _logger.exception("%s", what)
