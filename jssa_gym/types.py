@@ -4,9 +4,10 @@ What is made anew in every control step is a named tuple: immutable like a froze
 make. ``scene._replace(human=...)`` makes a changed copy.
 """
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +98,11 @@ class HalfSpaces(NamedTuple):
     """Shape (rows,) [m²]."""
 
 
+Kind = Literal["nominal", "alternative", "projected", "graded", "stop", "fault"]
+"""Where an applied jerk comes from: the policy, one of its alternatives, the projection or another correction by the
+filter, between what was proposed and braking, the verified stop, a failure."""
+
+
 class Decision(NamedTuple):
     """A filter's answer to one nominal jerk."""
 
@@ -117,6 +123,15 @@ class Decision(NamedTuple):
     """Largest violation of the rows by ``jerk`` [m²]."""
     rows: int
     """Number of rows that reached the projector."""
+    margin: float = math.nan
+    """Room that the stop behind the nominal leaves to the people [m], below 0 where they could be met; inf where
+    nothing would move, NaN without a verified stop or on a fault."""
+    kind: Kind = "nominal"
+    """What is applied."""
+    choice: int = -1
+    """Which alternative of the planner's is applied, which ``nominal`` then is; -1 for none."""
+    override: float = math.nan
+    """Pace along its path that the planner asked for, 1 for its own; NaN without a path."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

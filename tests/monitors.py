@@ -10,12 +10,12 @@ from jssa_gym.humans import nobody
 from jssa_gym.kernels.joints import deviates
 from jssa_gym.kernels.records import CAPSULE, LINK, records
 from jssa_gym.kernels.verification import SAFE
-from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.reading import Reading
 from jssa_gym.shields.records import Records
 from jssa_gym.shields.words import Told, _fault
 from jssa_gym.tick import admit, joints, layout, loop, people
+from jssa_gym.tick.proposals.nothing import Nothing
 from jssa_gym.types import CapsuleSet, Planes, Scene
 
 _NO_PLANES = Planes(np.zeros((0, 3)), np.zeros(0), ())
@@ -51,11 +51,10 @@ def _present(arms):
 def _records(n: int, limits, dt: float, tolerance, position_error: float, max_age: float) -> Records:
     arm = layout.ArmRecord(records(n, LINK), records(0, CAPSULE), np.zeros((0, 2), np.int64), np.zeros((0, n)), limits)
     settings = layout.StepSettings(
-        dt=dt, guarded=True, viability=False, proposal=layout.NONE, index=IndexParams().kernel(), closest=False,
-        static_rows=False, authority=0.0, recovery=0.0, diagonal=True, weight=np.ones(n), inverse=np.eye(n),
+        dt=dt, guarded=True, viability=False, static_rows=False, diagonal=True, weight=np.ones(n), inverse=np.eye(n),
         stop_limits=limits, tolerance=tolerance, position_error=position_error, max_age=max_age, lag=0.0, astray=0.0,
     )  # fmt: skip
-    return Records(arm, settings)
+    return Records(arm, settings, Nothing())
 
 
 class _Shown(NamedTuple):

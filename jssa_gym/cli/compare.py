@@ -14,7 +14,8 @@ from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.comparison_page import write_page
-from jssa_gym.evaluation.leaderboard import Standing, standings
+from jssa_gym.evaluation.leaderboard import UNFILTERED, Standing, median_time_to_goal, standings
+from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
 
 
@@ -97,6 +98,8 @@ def _plain(one: Standing) -> dict[str, object]:
         **{key: value for key, value in one.pooled.as_dict().items() if key in ("episodes", "rates", "means")},
         "rate_differences": {name: asdict(difference) for name, difference in one.rates.items()},
         "mean_differences": {name: asdict(mean) for name, mean in one.means.items()},
+        "median_time_to_goal": median_time_to_goal(one.pooled),
+        "slowdown": one.slowdown and asdict(one.slowdown),
     }
 
 
@@ -114,3 +117,25 @@ def _show(ranked: list[Standing]) -> None:
             f"{100.0 * means['intervention_rate'].value:.1f} %",
         )
     console.print(table)
+    console.print(_motion(ranked))
+
+
+def _motion(ranked: list[Standing]) -> Table:
+    """How smoothly the arm moves under each filter, and how long it takes."""
+    table = Table(title="how the arm moves, and for how long")
+    table.add_column("filter")
+    motions = ("jumps by shield", "by policy", "status switches", "RMS jerk")
+    for title in ("success untouched", *motions, "median time", f"ratio to {UNFILTERED}"):
+        table.add_column(title, justify="right")
+    for one in ranked:
+        means, time = one.pooled.means, median_time_to_goal(one.pooled)
+        table.add_row(
+            one.filter,
+            str(one.pooled.rates["success_untouched_rate"]),
+            *(f"{100.0 * means[name].value:.2g} %" for name in ("jerk_jumps_shield", "jerk_jumps_nominal")),
+            f"{means['status_switches'].value:.2g} /s",
+            f"{100.0 * means['jerk_rms'].value:.2g} %",
+            "-" if time is None else f"{short(time)} s",
+            "-" if one.slowdown is None else one.slowdown.brief,
+        )
+    return table

@@ -114,9 +114,18 @@ class Demo:
 
 
 def paper_scene(speed: float) -> HumanMotion:
-    """The human of the paper's Fig. 5, with nothing left to chance: up to 0.68 m in front of the base axis."""
+    """The human of the paper's Fig. 5, with nothing left to chance: up to 0.68 m in front of the base axis.
+
+    The velocity changes at once: the hardest case for a filter, and the one that the documents' figures were played with.
+    """
     return ApproachRetreat(
-        start=2.2, nearest=(0.68, 0.68), side=(0.0, 0.0), speed=(speed, speed), wait=(0.5, 0.5), stay=(1.0, 1.0)
+        start=2.2,
+        nearest=(0.68, 0.68),
+        side=(0.0, 0.0),
+        speed=(speed, speed),
+        wait=(0.5, 0.5),
+        stay=(1.0, 1.0),
+        acceleration=None,
     )
 
 

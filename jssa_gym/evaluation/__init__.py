@@ -5,7 +5,8 @@
 - play: ``play`` has the one player of all plans, ``runner`` finishes a plan, ``workers`` are its processes, and the
   ``ledger`` is what it leaves in a folder and goes on from.
 - record: ``rollout`` makes a trace of an episode and ``trace`` keeps it; ``record`` is for training loops.
-- measure: ``rows`` are episodes in numbers; ``metrics`` has them from ``steps``, ``geometry`` and ``counterfactual``.
+- measure: ``rows`` are episodes in numbers; ``metrics`` has them from ``steps``, ``motion``, ``geometry`` and
+  ``counterfactual``.
 - judge: ``judge`` plays a trace again with MuJoCo, its ``oracle``, and says a ``judgement``.
 - report: ``report``, ``leaderboard`` and ``slowdown`` with the intervals of ``statistics``; ``html`` is the page.
 """

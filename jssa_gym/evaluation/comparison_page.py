@@ -9,7 +9,17 @@ from urllib.parse import quote_from_bytes
 
 import numpy as np
 
-from jssa_gym.evaluation.leaderboard import PAIRED_MEANS, PAIRED_RATES, Standing, profile, standings
+from jssa_gym.evaluation.leaderboard import (
+    PAIRED_MEANS,
+    PAIRED_RATES,
+    UNFILTERED,
+    Standing,
+    columns,
+    profile,
+    slowdown_beside_people,
+    standings,
+    titles,
+)
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
@@ -37,15 +47,17 @@ code { background: #f3f5f6; padding: .1rem .3rem; border-radius: 3px; font-size:
 details { margin: .4rem 0; } summary { cursor: pointer; }
 """
 
-_RATES = tuple(
-    f"{name}_rate"
-    for name in ("success_and_safe", "success_untouched", "success", "collision", "moving_contact", "limits_exceeded")
+_BOXES = (
+    *("min_distance_arm", "contact_speed", "intervention_rate", "path_length", "time_to_goal"),
+    *("jerk_jumps_shield", "status_switches", "jerk_rms"),
 )
-_MEANS = ("min_distance_arm", "contact_speed", "ep_return", "intervention_rate", "backup_rate")
-"""What the first table shows."""
-
-_BOXES = ("min_distance_arm", "contact_speed", "intervention_rate", "path_length", "jerk_rms")
 """What distributions are drawn of."""
+
+_TIMES = (
+    f"The median time to the goal is over the episodes in which it was reached. Its ratio to {UNFILTERED} compares "
+    f"goal by goal, over those reached both ways beside the same people; lost are those that {UNFILTERED} reached and "
+    "this filter did not, of which the ratio says nothing. Tasks that hold a goal from the beginning count in neither."
+)
 
 _READING = """Rates are k of n episodes with exact (Clopper-Pearson) 95 % intervals; means are over episodes with
 bootstrap 95 % intervals. All filters met the same seeds: the same people, goals and draws of the policy. Intervals say
@@ -76,7 +88,7 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
     about = " ".join(f"{what}: {', '.join(names)}." for what, names in tried)
     keys = _keys(number)
     sections = {
-        "Over everything": [keys, _leaderboard(ranked), *_paired(ranked)],
+        "Over everything": [keys, _leaderboard(ranked), _note(_TIMES), *_paired(ranked)],
         "Safety against getting there": [keys, *_tradeoff(ranked, number)],
         "Performance profiles": [keys, *_profiles(ranked, number)],
         "Distributions": [*_boxes(ranked, number), _note("Least, quartiles and largest over all episodes.")],
@@ -123,18 +135,9 @@ def _figure(panel: Panel, *caption: str) -> Markup:
     return tag("figure", panel.drawn(), *(tag("figcaption", text) for text in caption))
 
 
-def _numbers(report: Report) -> list[Any]:
-    return [*(report.rates[name] for name in _RATES), *(report.means.get(name, "-") for name in _MEANS)]
-
-
-def _titles() -> list[str]:
-    units = {metric.over_episodes: metric.unit for metric in METRICS}
-    return [name + (f" [{units[name]}]" if units[name] else "") for name in (*_RATES, *_MEANS)]
-
-
 def _leaderboard(ranked: Sequence[Standing]) -> Markup:
-    rows = [[one.filter, len(one.pooled.episodes), *_numbers(one.pooled)] for one in ranked]
-    return _table(["filter", "episodes", *_titles()], rows)
+    rows = [[one.filter, len(one.pooled.episodes), *columns(one.pooled, one.slowdown)] for one in ranked]
+    return _table(["filter", "episodes", *titles()], rows)
 
 
 def _paired(ranked: Sequence[Standing]) -> list[Markup]:
@@ -230,8 +233,12 @@ def _boxes(ranked: Sequence[Standing], number: dict[str, int]) -> list[Markup]:
 
 
 def _settings(reports: Sequence[Report]) -> Markup:
-    rows = [[*report.setting, *_numbers(report)] for report in reports]
-    return _table(["task", "filter", "people", "policy", *_titles()], rows, text=4)
+    unfiltered = {report.setting: report for report in reports if report.setting.filter == UNFILTERED}
+    rows = []
+    for report in reports:
+        other = unfiltered.get(report.setting._replace(filter=UNFILTERED))
+        rows.append([*report.setting, *columns(report, slowdown_beside_people(report, other))])
+    return _table(["task", "filter", "people", "policy", *titles()], rows, text=4)
 
 
 def _worst(reports: Sequence[Report], folder: Path) -> list[Markup]:

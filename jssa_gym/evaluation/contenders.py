@@ -11,11 +11,23 @@ import numpy as np
 
 from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
 from jssa_gym.envs.sensor import MissedTicks, SensorModel
-from jssa_gym.humans import HUMANS, Hand, HumanMotion, Pursuit, make_human
+from jssa_gym.humans import (
+    HUMANS,
+    ApproachRetreat,
+    Hand,
+    HumanMotion,
+    Pursuit,
+    RandomWalk,
+    Receive,
+    WalkBy,
+    make_human,
+)
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
+from jssa_gym.shields.offers import Offered
 from jssa_gym.tick import loop
+from jssa_gym.tick.admit import GRADED, HALFWAY, WANTED
 from jssa_gym.tick.layout import StepSettings
 from jssa_gym.types import Array, CapsuleSet, Decision, Scene
 from jssa_gym.validation import known_name
@@ -96,9 +108,9 @@ class _SlowPeople(JSSAFilter):
 class _OffByOne(JSSAFilter):
     """Begins a stored stop one tick late: its first jerk is applied twice."""
 
-    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
-        decision = super().decide(scene, nominal)
-        if self.records.answer.told[0]["chosen"] in (0, 1):
+    def decide(self, scene: Scene | None, nominal: Array, path: Offered | None = None) -> Decision:
+        decision = super().decide(scene, nominal, path)
+        if self.records.answer.told[0]["chosen"] in (WANTED, HALFWAY, GRADED):
             self.records.memory.arm[0]["step"] = -1
         return decision
 
@@ -106,13 +118,13 @@ class _OffByOne(JSSAFilter):
 class _Credulous(JSSAFilter):
     """Believes every joint state that is finite, and plans from it."""
 
-    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
+    def decide(self, scene: Scene | None, nominal: Array, path: Offered | None = None) -> Decision:
         if scene is not None:
             state = np.array(scene.robot, np.float64)
             if np.isfinite(state).all() and not np.array_equal(state, self.expected):
                 self.expected[:] = state
                 loop.rebase(self.records.view.arms)
-        return super().decide(scene, nominal)
+        return super().decide(scene, nominal, path)
 
 
 class _Boundless(JSSAFilter):
@@ -243,19 +255,40 @@ LATENCIES = (0, 25, 50, 100, 150, 200)
 _ASSUMED = FailsafeParams()
 
 
-def _fast_hand(multiple: float) -> HumanMotion:
-    return Hand(speed=(0.5 * multiple * _ASSUMED.limb_speed, multiple * _ASSUMED.limb_speed))
+def _fast_runner(multiple: float) -> HumanMotion:
+    return Pursuit(multiple * _ASSUMED.human_speed, acceleration=None)
 
+
+def _fast_hand(multiple: float) -> HumanMotion:
+    speed = multiple * _ASSUMED.limb_speed
+    return Hand(speed=(0.5 * speed, speed), acceleration=None)
+
+
+ABRUPT: dict[str, Callable[[], HumanMotion]] = {
+    "approach_retreat abrupt": partial(ApproachRetreat, acceleration=None),
+    "random abrupt": partial(RandomWalk, acceleration=None),
+    "walk_by abrupt": partial(WalkBy, acceleration=None),
+    "pursuit abrupt": partial(Pursuit, acceleration=None),
+    "hand abrupt": partial(Hand, acceleration=None),
+    "receive abrupt": partial(Receive, acceleration=None),
+    "feint abrupt": partial(Pursuit, acceleration=None, feint=True),
+    "two abrupt": lambda: make_human((Pursuit(acceleration=None), WalkBy(acceleration=None))),
+    "two hands abrupt": lambda: make_human((Hand(acceleration=None), Pursuit(acceleration=None))),
+}
+"""People whose velocity changes at once, as that of the package's own did before it had a bound."""
 
 PEOPLE: dict[str, Callable[[], HumanMotion]] = {
     **HUMANS,
     "feint": partial(Pursuit, feint=True),
     "two": partial(make_human, ("pursuit", "walk_by")),
     "two hands": partial(make_human, ("hand", "pursuit")),
-    **{f"pursuit x{m:g}": partial(Pursuit, m * _ASSUMED.human_speed) for m in MULTIPLES},
+    **ABRUPT,
+    **{f"pursuit x{m:g}": partial(_fast_runner, m) for m in MULTIPLES},
     **{f"hand x{m:g}": partial(_fast_hand, m) for m in MULTIPLES},
 }
-"""People by name: the package's own, several at once, and some that are faster than assumed."""
+"""People by name: the package's own, several at once, and some that are faster than assumed; these are so at once,
+since what is asked of them is their speed.
+"""
 
 FAULTS: tuple[str, ...] = (*SENSOR_FAULTS, "missed ticks", *(f"unmodelled {ms} ms" for ms in LATENCIES))
 """Names of what can be wrong between people and shield."""

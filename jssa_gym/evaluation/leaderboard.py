@@ -5,17 +5,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jssa_gym.evaluation.report import Report, column
+from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.rows import EvaluationRow, Setting
-from jssa_gym.evaluation.statistics import Mean, PairedDifference, mean_difference, paired_difference
+from jssa_gym.evaluation.slowdown import Slowdown
+from jssa_gym.evaluation.statistics import Mean, PairedDifference, Rate, mean_difference, paired_difference, short
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.types import Array
 
 PAIRED_RATES = ("collision", "moving_contact", "limits_exceeded", "success", "success_untouched", "success_and_safe")
 """Yes-or-no metrics of which paired differences are told."""
 
-PAIRED_MEANS = ("ep_return", "min_distance_arm", "intervention_rate", "jerk_rms", "path_length")
+PAIRED_MEANS = (
+    *("ep_return", "min_distance_arm", "intervention_rate", "path_length", "time_to_goal"),
+    *("jerk_jumps_shield", "status_switches", "jerk_rms"),
+)
 """Other metrics of which they are."""
+
+_RATES = tuple(
+    f"{name}_rate"
+    for name in ("success_and_safe", "success_untouched", "success", "collision", "moving_contact", "limits_exceeded")
+)
+_MEANS = (
+    *("min_distance_arm", "contact_speed", "ep_return", "intervention_rate", "backup_rate"),
+    *("jerk_jumps_shield", "jerk_jumps_nominal", "status_switches", "jerk_rms"),
+)
+"""What tables of filters show, of all metrics."""
+
+UNFILTERED = "none"
+"""Filter that leaves every jerk as it is: what the others cost in time is told against it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +46,8 @@ class Standing:
     """Of :data:`PAIRED_RATES`: this filter minus the first, on the same episodes; empty for the first."""
     means: dict[str, Mean]
     """Of :data:`PAIRED_MEANS`, likewise."""
+    slowdown: Slowdown | None
+    """Against :data:`UNFILTERED`, see :func:`slowdown_beside_people`."""
 
 
 def standings(reports: Sequence[Report]) -> list[Standing]:
@@ -47,12 +67,14 @@ def standings(reports: Sequence[Report]) -> list[Standing]:
         for name, some in by_filter.items()
     }
     first = next(iter(pooled.values()))
-    found = []
     for name, report in pooled.items():
         if [_trial(one) for one in report.episodes] != [_trial(one) for one in first.episodes]:
             raise ParameterError(f"{name} and {first.setting.filter} were not tried on the same episodes")
+    found = []
+    for name, report in pooled.items():
+        slowdown = slowdown_beside_people(report, pooled.get(UNFILTERED))
         if report is first:
-            found.append(Standing(name, report, {}, {}))
+            found.append(Standing(name, report, {}, {}, slowdown))
             continue
         differences = {
             metric: mean_difference(column(report.episodes, metric), column(first.episodes, metric))
@@ -67,9 +89,57 @@ def standings(reports: Sequence[Report]) -> list[Standing]:
                     for metric in PAIRED_RATES
                 },
                 {metric: mean for metric, mean in differences.items() if mean is not None},
+                slowdown,
             )
         )
     return sorted(found, key=_rank)
+
+
+def slowdown_beside_people(report: Report, unfiltered: Report | None) -> Slowdown | None:
+    """What a filter costs in time: against no filter on the same episodes, beside the same people.
+
+    Args:
+        report: Of the filter.
+        unfiltered: Of :data:`UNFILTERED` on the same episodes; None if it was not tried.
+
+    Returns:
+        None where there is nothing to compare with: no such report, it is the filter's own, or no goal was reached.
+    """
+    if unfiltered is None or report.setting.filter == UNFILTERED:
+        return None
+    return Slowdown.of(
+        *(column(_timed(one), name) for one in (report, unfiltered) for name in ("time_to_goal", "success"))
+    )
+
+
+def median_time_to_goal(report: Report) -> float | None:
+    """Median over the episodes in which the goal was reached [s]; None if it never was."""
+    times = column(_timed(report), "time_to_goal")
+    known = times[np.isfinite(times)]
+    return float(np.median(known)) if len(known) else None
+
+
+def titles() -> list[str]:
+    """Of :func:`columns`, with units."""
+    units = {metric.over_episodes: metric.unit for metric in METRICS}
+    named = [name + (f" [{units[name]}]" if units[name] else "") for name in (*_RATES, *_MEANS)]
+    return [*named, "median time_to_goal [s]", f"its ratio to {UNFILTERED}"]
+
+
+def columns(report: Report, slowdown: Slowdown | None) -> list[Rate | Mean | str]:
+    """What a table of filters shows of one, as text where printed; a dash for what there is none of."""
+    time = median_time_to_goal(report)
+    return [
+        *(report.rates[name] for name in _RATES),
+        *(report.means.get(name, "-") for name in _MEANS),
+        "-" if time is None else short(time),
+        "-" if slowdown is None else slowdown.brief,
+    ]
+
+
+def _timed(report: Report) -> list[EvaluationRow]:
+    """Episodes that have a way to go; a goal that is held from the beginning (Home) would only hide their times."""
+    return [one for one in report.episodes if one.task not in TASKS or TASKS[one.task].ends]
 
 
 def _rank(one: Standing) -> tuple[int, int, int]:

@@ -11,6 +11,7 @@ from jssa_gym.envs.arm import MOVING
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.definitions import About
 from jssa_gym.evaluation.geometry import Geometry
+from jssa_gym.evaluation.motion import jerk_jumps
 from jssa_gym.evaluation.spans import spans
 from jssa_gym.evaluation.steps import DEBOUNCE, Steps, StepSummary, summarise_steps
 from jssa_gym.evaluation.trace import every_step
@@ -100,6 +101,14 @@ class Summary(StepSummary):
     ]
     tracking_error_end: Annotated[float | None, About("m", "The same at the end of the episode.")]
     jerk_rms: Annotated[float, About("jerk bounds", "Root mean square, over steps and joints, of the applied jerk.")]
+    jerk_jumps: Annotated[
+        float,
+        About("", "Share of the steps, from the second on, in which a joint's applied jerk changes by over its bound."),
+    ]
+    jerk_jumps_nominal: Annotated[
+        float, About("", "The part of it in which the wanted jerk, within its bounds, jumps as well: the policy's.")
+    ]
+    jerk_jumps_shield: Annotated[float, About("", "The rest, in which the wanted jerk does not: the shield's.")]
     speed_limit_ratio: Annotated[float, About("", "Largest joint speed over its limit.")]
     acceleration_limit_ratio: Annotated[float, About("", "Largest joint acceleration over its limit.")]
     jerk_limit_ratio: Annotated[float, About("", "Largest applied joint jerk over its bound.")]
@@ -162,6 +171,7 @@ def summarise(
     ]
     peaks = [float(ratio.max(initial=0.0)) for ratio in ratios]
     beyond = [_mean((ratio > 1.0 + _ROUNDING).any(axis=1)) or 0.0 for ratio in ratios]
+    jumps = jerk_jumps(trace.jerk, trace.nominal, limits.jerk)
     timed = trace.shield_time[np.isfinite(trace.shield_time)]
     quantiles = np.percentile(timed, [50, 95, 99, 100]).tolist() if len(timed) else [None] * 4
     people = np.isfinite(trace.distance)
@@ -198,6 +208,9 @@ def summarise(
         tracking_error=_mean(off),
         tracking_error_end=float(off[-1]) if len(off) else None,
         jerk_rms=float(np.sqrt(np.mean(ratios[2] ** 2))) if len(trace.time) else 0.0,
+        jerk_jumps=jumps.applied,
+        jerk_jumps_nominal=jumps.nominal,
+        jerk_jumps_shield=jumps.shield,
         speed_limit_ratio=peaks[0],
         acceleration_limit_ratio=peaks[1],
         jerk_limit_ratio=peaks[2],

@@ -9,6 +9,7 @@ import numpy as np
 from jssa_gym.evaluation.trace import trace_of
 from jssa_gym.policies import Policy
 from jssa_gym.shields import SafetyFilter, Shield
+from jssa_gym.shields.offers import Offered
 from jssa_gym.types import Array, Decision, Scene, Status, Trace
 
 
@@ -23,9 +24,9 @@ class _Stopwatch(SafetyFilter):
     def reset(self, scene: Scene) -> None:
         self.timed.reset(scene)
 
-    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
+    def decide(self, scene: Scene | None, nominal: Array, path: Offered | None = None) -> Decision:
         start = time.perf_counter()
-        decision = self.timed.decide(scene, nominal)
+        decision = self.timed.decide(scene, nominal, path)
         self.elapsed = time.perf_counter() - start
         return decision
 

@@ -7,16 +7,42 @@ import numpy as np
 from jssa_gym.evaluation.report import Report, column
 from jssa_gym.evaluation.statistics import Mean, Rate, means
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.types import Array
 
 
 @dataclass(frozen=True, slots=True)
 class Slowdown:
-    """Time to the goal beside people over that of the same policy without shield and people, goal by goal."""
+    """Time to the goal over that of the same policy in other company, goal by goal: alone, or without a shield."""
 
     ratio: Mean | None
     """Over the goals that were reached both ways; None if there is none."""
     lost: Rate
-    """How many of the goals that were reached alone were not reached here, which the ratio says nothing about."""
+    """How many of the goals that were reached there were not reached here, which the ratio says nothing about."""
+
+    @classmethod
+    def of(cls, here: Array, success: Array, there: Array, reached: Array) -> "Slowdown | None":
+        """Compare times on the same goals.
+
+        Args:
+            here: Time to each goal, shape (g,) [s]; NaN for never.
+            success: Whether it was reached and, where staying is the task, not left again, shape (g,).
+            there: As ``here``, of what is compared with.
+            reached: As ``success``, likewise.
+
+        Returns:
+            None if no goal was reached there: there is no time to compare with.
+        """
+        # who was there once and did not stay, where staying is the task, has not reached it
+        success, reached = success > 0.0, reached > 0.0
+        if not reached.any():
+            return None
+        ratio = np.where(reached & success, here / there, np.nan)
+        return cls(means(ratio[:, None])[0], Rate.of(int((reached & ~success).sum()), int(reached.sum())))
+
+    @property
+    def brief(self) -> str:
+        """In few words, whatever it is compared with; ``1.2 (1.1 to 1.3), lost 2 of 40``."""
+        return f"{'-' if self.ratio is None else self.ratio}, lost {self.lost.k} of {self.lost.n}"
 
     def __str__(self) -> str:
         ratio = "no goal was reached both ways" if self.ratio is None else str(self.ratio)
@@ -42,10 +68,4 @@ def slowdown(report: Report, alone: Report) -> Slowdown | None:
     trials = [[(e.policy, e.seed) for e in one.episodes] for one in (report, alone)]
     if trials[0] != trials[1]:
         raise ParameterError("both evaluations have to be of the same policy and seeds")
-    here, there = (column(one.episodes, "time_to_goal") for one in (report, alone))
-    # who was there once and did not stay, where staying is the task, has not reached it
-    success, reached = (column(one.episodes, "success") > 0.0 for one in (report, alone))
-    if not reached.any():
-        return None
-    ratio = np.where(reached & success, here / there, np.nan)
-    return Slowdown(means(ratio[:, None])[0], Rate.of(int((reached & ~success).sum()), int(reached.sum())))
+    return Slowdown.of(*(column(one.episodes, name) for one in (report, alone) for name in ("time_to_goal", "success")))

@@ -111,6 +111,9 @@ class StepSummary:
     relaxed_rate: Annotated[float, About("", "Share of the steps with status RELAXED.")]
     backup_rate: Annotated[float, About("", "Share of the steps with status FAILSAFE: a stored stop goes on.")]
     fault_rate: Annotated[float, About("", "Share of the steps with status FAULT.")]
+    status_switches: Annotated[
+        float, About("1/s", "How often the status is another than in the step before, per second.")
+    ]
     phi_max: Annotated[float | None, About("m²", "Largest safety index that the filter told; none without an index.")]
     phi_violation_rate: Annotated[
         float | None, About("", "Share of the steps, of those with an index, with an index above 0.")
@@ -187,6 +190,7 @@ def summarise_steps(steps: Steps, v_safe: float = MOVING) -> StepSummary:
         relaxed_rate=_share(steps.status == Status.RELAXED),
         backup_rate=_share(steps.status == Status.FAILSAFE),
         fault_rate=_share(steps.status == Status.FAULT),
+        status_switches=int((np.diff(steps.status) != 0).sum()) / (count * dt) if count else 0.0,
         phi_max=_largest(phi),
         phi_violation_rate=float((phi > 0.0).mean()) if len(phi) else None,
         forward_invariance_violations=int(rises.sum()) if len(phi) else None,

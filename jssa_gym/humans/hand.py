@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jssa_gym.humans.acceleration import HAND, acceleration_bound, stopping_place, stopping_speed, towards
 from jssa_gym.humans.body import NAMES, Body
 from jssa_gym.humans.motion import CLEARANCE, STILL, HumanMotion, Point, check_clearance
 from jssa_gym.kernels.reach import nearest_to_point
@@ -23,16 +24,21 @@ _THERE = 1e-9
 class Limb:
     """An arm of a body whose hand moves on straight lines; the shoulder stays where it is in the body.
 
+    A hand comes to rest at its goal. If the goal changes while it moves, it turns as fast as its acceleration allows.
+
     Args:
         body: Whose arm.
         part: Its capsule.
         length: Largest distance from shoulder to hand [m].
+        acceleration: Largest acceleration of the hand in the body, or infinity [m/s²].
     """
 
-    def __init__(self, body: Body, part: int, length: float = ARM_LENGTH) -> None:
-        self._part, self._length = part, length
+    def __init__(self, body: Body, part: int, length: float = ARM_LENGTH, acceleration: float = math.inf) -> None:
+        self._part, self._length, self._acceleration = part, length, acceleration
         self._shoulder, self._rest = body.start[part].tolist(), body.end[part].tolist()
-        self._hand, self._goal, self._velocity = self._rest, self._rest, [0.0, 0.0, 0.0]
+        self._hand, self._goal = self._rest, self._rest
+        self._velocity: Sequence[float] = (0.0, 0.0, 0.0)
+        self._reach = max(length, math.dist(self._shoulder, self._rest)) + _THERE
 
     @property
     def arrived(self) -> bool:
@@ -66,11 +72,18 @@ class Limb:
         """Let the velocity act for ``dt`` [s]."""
         self._hand = [h + v * dt for h, v in zip(self._hand, self._velocity, strict=True)]
 
-    def head(self, speed: float, dt: float) -> None:
-        """Choose the velocity of the step to come: at ``speed`` [m/s] in the body to the goal, and no farther."""
-        length = math.dist(self._hand, self._goal)
-        rate = min(speed, length / dt) / length if length >= _THERE else 0.0
-        self._velocity = [rate * (g - h) for g, h in zip(self._goal, self._hand, strict=True)]
+    def head(self, speed: float, dt: float, fastest: float = math.inf) -> None:
+        """Choose the velocity of the step to come: at ``speed`` [m/s] in the body to the goal, and no farther.
+
+        ``fastest`` [m/s] is a bound on what is left of a motion elsewhere, see :func:`towards`.
+        """
+        length, most = math.dist(self._hand, self._goal), self._acceleration
+        rate = min(speed, stopping_speed(length, most, dt)) / length if length >= _THERE else 0.0
+        wanted = [rate * (g - h) for g, h in zip(self._goal, self._hand, strict=True)]
+        velocity = towards(self._velocity, wanted, most, dt, fastest)
+        if most < math.inf and math.dist(stopping_place(self._hand, velocity, most, dt), self._shoulder) > self._reach:
+            velocity = towards(self._velocity, (0.0, 0.0, 0.0), most, dt, fastest)  # the arm is no longer
+        self._velocity = velocity
 
     def put(self, people: CapsuleSet) -> None:
         """Write the hand into the capsules of its body, which has the limb at rest."""
@@ -91,6 +104,7 @@ class Hand(HumanMotion):
         pause: Range of the time between strokes [s].
         both: Probability of the left hand taking part as well.
         length: Largest distance from shoulder to hand [m].
+        acceleration: Largest acceleration of the hand [m/s²]; None for none: it turns at once.
     """
 
     def __init__(
@@ -101,10 +115,12 @@ class Hand(HumanMotion):
         pause: Sequence[float] = (0.1, 0.8),
         both: float = 0.5,
         length: float = ARM_LENGTH,
+        acceleration: float | None = HAND,
     ) -> None:
         self.front, self.side = low_high("front", front, CLEARANCE), low_high("side", side, -np.inf)
         self.speed, self.pause = low_high("speed", speed, 1e-3), low_high("pause", pause)
         self.both, self.length = share("both", both), positive_number("length", length)
+        self.acceleration = acceleration_bound("acceleration", acceleration)
         self.speed_bound = self.speed[1]
 
     def check_start(self, start: Array) -> None:
@@ -118,7 +134,7 @@ class Hand(HumanMotion):
         self._rng, self._time, self._root = rng, 0.0, (float(start[0]), float(start[1]))
         self._body = Body.facing(math.atan2(-self._root[1], -self._root[0]), person)
         parts = (RIGHT, LEFT) if rng.random() < self.both else (RIGHT,)
-        self._limbs = [Limb(self._body, part, self.length) for part in parts]
+        self._limbs = [Limb(self._body, part, self.length, self.acceleration) for part in parts]
         self._speeds = [0.0 for _ in parts]
         self._moments = [rng.uniform(*self.pause) for _ in parts]
         return self._body.at(self._root, STILL)

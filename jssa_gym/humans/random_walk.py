@@ -6,9 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans.acceleration import WALKER, acceleration_bound, stopping_place, towards
 from jssa_gym.humans.motion import CLEARANCE, STILL, Point, Walk
 from jssa_gym.types import Array
 from jssa_gym.validation import positive_number, real_array
+
+_WITHIN = 1e-9
+"""How far inside its region a person who has to brake comes to rest [m]."""
 
 _ARRIVED = 0.1
 """Distance from which a wandering person picks the next place to go to [m]."""
@@ -22,6 +26,8 @@ class RandomWalk(Walk):
         change: Largest change of velocity from one segment to the next [m/s].
         period: Duration of a segment [s].
         region: ((x_low, x_high), (y_low, y_high)) that the root stays in [m].
+        acceleration: Largest acceleration, which spreads the changes over their segments [m/s²]; None for none: each
+            comes at once.
     """
 
     def __init__(
@@ -30,9 +36,11 @@ class RandomWalk(Walk):
         change: float = 0.4,
         period: float = 0.2,
         region: Sequence[Sequence[float]] = ((0.65, 2.0), (-1.2, 1.2)),
+        acceleration: float | None = WALKER,
     ) -> None:
         self.speed_bound = positive_number("speed", speed)
         self.change, self.period = positive_number("change", change), positive_number("period", period)
+        self.acceleration = acceleration_bound("acceleration", acceleration)
         self._low, self._high = real_array("region", region, (2, 2), "((x_low, x_high), (y_low, y_high))").T
         if np.any(self._low >= self._high):
             raise ParameterError(f"region has to be ((x_low, x_high), (y_low, y_high)), got {region!r}")
@@ -56,12 +64,30 @@ class RandomWalk(Walk):
             low = np.array([(self._low[0] + self._high[0]) / 2.0, self._low[1]])
             start = rng.uniform(low, self._high)
         self._goal, self._segment_end = start, 0.0
-        self._velocity = STILL
+        self._velocity, self._wanted = STILL, STILL
         return start, np.pi
 
     def _next_velocity(self, dt: float) -> Point:
-        if self._time + dt <= self._segment_end + 1e-9 and self._segment_end > 0.0:
-            return self._velocity
+        if self._time + dt > self._segment_end + 1e-9 or not self._segment_end > 0.0:
+            self._wanted = self._segment()
+        if self.acceleration == math.inf:
+            return self._wanted
+        if dt == 0.0:
+            return STILL
+        vx, vy = towards(self._velocity, self._wanted, self.acceleration, dt)
+        if not self._within(stopping_place(self._root, (vx, vy), self.acceleration, dt)):
+            vx, vy = towards(self._velocity, STILL, self.acceleration, dt)
+        return vx, vy
+
+    def _within(self, place: Sequence[float]) -> bool:
+        """Whether a place is in the region, or at its border, but no nearer to it than the root."""
+        return all(
+            min(low + _WITHIN, now) <= then <= max(high - _WITHIN, now)
+            for low, high, now, then in zip(self._low, self._high, self._root, place, strict=True)
+        )
+
+    def _segment(self) -> Point:
+        """Begin a segment: its velocity [m/s]."""
         self._segment_end = self._time + self.period
         root = np.array(self._root)
         way = self._goal - root

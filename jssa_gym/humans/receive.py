@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jssa_gym.humans.acceleration import HAND, acceleration_bound
 from jssa_gym.humans.body import Body
 from jssa_gym.humans.hand import ARM_LENGTH, RIGHT, Limb
 from jssa_gym.humans.motion import CLEARANCE, STILL, HumanMotion, check_clearance
@@ -31,6 +32,7 @@ class Receive(HumanMotion):
         wait: Range of the time before the hand is held out [s].
         hold: Range of the time that it is held low [s].
         stay: Range of the time that it is held high [s].
+        acceleration: Largest acceleration of the hand [m/s²]; None for none: it starts and stops at once.
     """
 
     reacts = False
@@ -48,12 +50,14 @@ class Receive(HumanMotion):
         wait: Sequence[float] = (0.2, 0.8),
         hold: Sequence[float] = (0.8, 1.6),
         stay: Sequence[float] = (3.5, 5.0),
+        acceleration: float | None = HAND,
     ) -> None:
         self.front, self.side = low_high("front", front, CLEARANCE), low_high("side", side, -np.inf)
         self.forward, self.aside = low_high("forward", forward), low_high("aside", aside, -np.inf)
         self.height, self.nearer = low_high("height", height), low_high("nearer", nearer)
         self.higher, self.speed = low_high("higher", higher), low_high("speed", speed, 1e-3)
         self.wait, self.hold, self.stay = low_high("wait", wait), low_high("hold", hold), low_high("stay", stay)
+        self.acceleration = acceleration_bound("acceleration", acceleration)
         self.speed_bound = self.speed[1]
 
     def check_start(self, start: Array) -> None:
@@ -67,7 +71,7 @@ class Receive(HumanMotion):
         self._root = (float(start[0]), float(start[1]))
         heading = math.atan2(-self._root[1], -self._root[0])
         self._body = Body.facing(heading, person)
-        self._limb = Limb(self._body, RIGHT, ARM_LENGTH)
+        self._limb = Limb(self._body, RIGHT, ARM_LENGTH, self.acceleration)
         ahead, aside, up, nearer, higher = (
             rng.uniform(*r) for r in (self.forward, self.aside, self.height, self.nearer, self.higher)
         )

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans.hand import RIGHT, Limb
+from jssa_gym.humans.acceleration import HAND, acceleration_bound
+from jssa_gym.humans.hand import ARM_LENGTH, RIGHT, Limb
 from jssa_gym.humans.motion import STILL, Point, Walk
 from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.validation import positive_number, real_array
@@ -21,8 +22,10 @@ class Steered(Walk):
             ``limb_speed`` leaves beside the walk, positive towards the link nearest to the shoulder, negative back.
             After the last segment the person walks on and the hand goes back.
         speed: Largest speed of the body; the velocity saturates there [m/s].
-        acceleration: Largest acceleration [m/s²].
+        acceleration: Largest acceleration of the body [m/s²]; more than people's, since a search is after the worst.
         limb_speed: Largest speed of the hand in the world, not below ``speed`` [m/s].
+        limb_acceleration: Largest acceleration of the hand in the body, not below ``acceleration`` [m/s²]; None for
+            none: it turns at once.
         period: Duration of a segment [s].
         start: Root at the beginning, shape (2,) [m], unless ``reset`` is told another.
         heading: Where the body looks [rad]; it does not turn.
@@ -40,6 +43,7 @@ class Steered(Walk):
         period: float = 0.4,
         start: ArrayLike = (2.0, 0.0),
         heading: float = np.pi,
+        limb_acceleration: float | None = HAND,
     ) -> None:
         shape = np.shape(parameters)
         if len(shape) != 2 or shape[0] < 1 or shape[1] not in (2, 3):
@@ -52,13 +56,18 @@ class Steered(Walk):
         self.limb_speed, self.period = positive_number("limb_speed", limb_speed), positive_number("period", period)
         if self.limb_speed < self.speed:
             raise ParameterError(f"limb_speed has to be at least speed, got {limb_speed!r} and {speed!r}")
+        self.limb_acceleration = acceleration_bound("limb_acceleration", limb_acceleration)
+        if self.limb_acceleration < self.acceleration:
+            raise ParameterError(
+                f"limb_acceleration has to be at least acceleration, got {limb_acceleration!r} and {acceleration!r}"
+            )
         self.speed_bound = self.limb_speed if self.reacts else self.speed
         self.start, self.heading = real_array("start", start, (2,), "a point on the floor [m]"), float(heading)
         self.check_start(self.start)
 
     def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
         people = super().reset(rng, start, person)
-        self._limb = Limb(self._body, RIGHT)
+        self._limb = Limb(self._body, RIGHT, ARM_LENGTH, self.limb_acceleration)
         return people
 
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
@@ -74,7 +83,8 @@ class Steered(Walk):
                 limb.aim(robot, self._root)
             else:
                 limb.withdraw()
-            limb.head(abs(share) * (self.limb_speed - math.hypot(*self._velocity)), dt)
+            fastest = self.limb_speed - math.hypot(*self._velocity)
+            limb.head(abs(share) * fastest, dt, fastest)
             limb.put(people)
         return people
 

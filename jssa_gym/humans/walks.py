@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans.acceleration import WALKER, acceleration_bound, towards
 from jssa_gym.humans.motion import CLEARANCE, STILL, Point, Walk
 from jssa_gym.types import Array
 from jssa_gym.validation import low_high, positive_number, share
@@ -16,6 +17,13 @@ def _heading_past(start: Array, offset: float) -> float:
     start, shape (2,) [m], is nearer than that.
     """
     return np.arctan2(-start[1], -start[0]) + np.sign(offset) * np.arcsin(min(abs(offset) / np.hypot(*start), 1.0))
+
+
+def _seconds_after_ramp(time: float, ramp: float) -> float:
+    """How far a velocity that grows from 0 to 1 m/s leads in a time [s], from the begin of the ramp [s] on [m]."""
+    if time <= 0.0:
+        return 0.0
+    return time**2 / (2.0 * ramp) if time < ramp else time - ramp / 2.0
 
 
 class ConstantVelocity(Walk):
@@ -66,6 +74,7 @@ class WalkBy(Walk):
         passing: Range of the time of the closest approach at the drawn speed [s]; changes and a stop move it.
         change: Largest share by which the speed differs from the drawn one; drawn anew every half second.
         stop: Range of the duration of the stop [s], which every second person makes.
+        acceleration: Largest acceleration [m/s²]; None for none: the pace changes at once.
     """
 
     def __init__(
@@ -75,11 +84,13 @@ class WalkBy(Walk):
         passing: Sequence[float] = (1.5, 4.0),
         change: float = 0.2,
         stop: Sequence[float] = (0.3, 1.5),
+        acceleration: float | None = WALKER,
     ) -> None:
         self.speed = low_high("speed", speed)
         self.offset = low_high("offset", offset, CLEARANCE)
         self.passing, self.stop = low_high("passing", passing), low_high("stop", stop)
         self.change = share("change", change)
+        self.acceleration = acceleration_bound("acceleration", acceleration)
         self.speed_bound = self.speed[1]
 
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
@@ -98,6 +109,14 @@ class WalkBy(Walk):
         return start, heading
 
     def _next_velocity(self, dt: float) -> Point:
+        wanted = self._wanted()
+        if dt == 0.0:
+            return wanted  # somebody who walks by has walked before
+        vx, vy = towards(self._velocity, wanted, self.acceleration, dt)
+        return vx, vy
+
+    def _wanted(self) -> Point:
+        """Velocity at the person's pace [m/s]."""
         if self._stop[0] <= self._time < self._stop[1]:
             return STILL
         if self._time >= self._changes:
@@ -110,6 +129,10 @@ class WalkBy(Walk):
 class ApproachRetreat(Walk):
     """The paper's Fig. 5: walks up in front of the arm, slows down, stops, steps back.
 
+    Every change of the velocity is a ramp of constant acceleration that takes as long as the start of the walk, speed
+    over ``acceleration``: the place is the mean, over that time, of the places of a walk that changes its velocity at
+    once. So it comes exactly as near as asked, and never nearer.
+
     Args:
         start: Root at the beginning [m]; x is in front of the arm.
         nearest: Range of the root's x where the person stops [m].
@@ -117,6 +140,7 @@ class ApproachRetreat(Walk):
         speed: Range of the walking speed [m/s]; the last third of the way is walked at half of it.
         wait: Range of the time before the person starts [s].
         stay: Range of the time the person stays [s].
+        acceleration: Largest acceleration [m/s²]; None for none: the velocity changes at once.
     """
 
     def __init__(
@@ -127,12 +151,14 @@ class ApproachRetreat(Walk):
         speed: Sequence[float] = (0.4, 0.8),
         wait: Sequence[float] = (0.2, 1.0),
         stay: Sequence[float] = (0.5, 1.5),
+        acceleration: float | None = WALKER,
     ) -> None:
         self.nearest = low_high("nearest", nearest, CLEARANCE)
         self.start = positive_number("start", start)
         if not self.nearest[1] < self.start:
             raise ParameterError(f"start has to be beyond nearest {self.nearest}, got {start!r}")
         self.side = low_high("side", side, -np.inf)
+        self.acceleration = acceleration_bound("acceleration", acceleration)
         self.speed, self.wait, self.stay = (
             low_high(n, r) for n, r in zip(("speed", "wait", "stay"), (speed, wait, stay), strict=True)
         )
@@ -152,16 +178,31 @@ class ApproachRetreat(Walk):
         root = np.array([self.start, side]) if start is None else start
         way = np.array([nearest, root[1]]) - root
         length = float(np.hypot(*way))
-        self._stop = nearest
+        self._stop, self._ramp, self._origin = nearest, speed / self.acceleration, (float(root[0]), float(root[1]))
         x, y = (float(c) for c in (way / length * speed if length > 0.0 else np.zeros(2)))
         # (end of the segment [s], velocity); the last one lasts for ever
         fast, slow = 2.0 / 3.0 * length / max(speed, 1e-9), 2.0 / 3.0 * length / max(speed, 1e-9)
-        moments = np.cumsum([wait, fast, slow, stay, length / max(speed, 1e-9)])
+        moments = np.cumsum([wait, fast, slow, stay + self._ramp, length / max(speed, 1e-9)])
         velocities = (STILL, (x, y), (x / 2.0, y / 2.0), STILL, (-x, -y))
         self._segments = list(zip(moments.tolist(), velocities, strict=True))
         return root, np.pi
 
     def _next_velocity(self, dt: float) -> Point:
+        return self._abrupt(dt) if self.acceleration == math.inf else self._ramped(dt)
+
+    def _ramped(self, dt: float) -> Point:
+        """Velocity that leads to where the person is to be; in the first step everything stands still [m/s]."""
+        if dt == 0.0:
+            return STILL
+        (x, y), (vx, vy), begin = self._origin, STILL, 0.0
+        for end, (wx, wy) in (*self._segments, (math.inf, STILL)):
+            seconds = _seconds_after_ramp(self._time - begin, self._ramp)
+            x, y = x + (wx - vx) * seconds, y + (wy - vy) * seconds
+            (vx, vy), begin = (wx, wy), end
+        # from where the step before really led: nothing adds up
+        return (x - self._root[0]) / dt, (y - self._root[1]) / dt
+
+    def _abrupt(self, dt: float) -> Point:
         for end, velocity in self._segments:
             if self._time + dt <= end + 1e-9:
                 return self._short_of_stop(velocity, dt)

@@ -25,8 +25,8 @@ def source_hash() -> str:
     """Hash of all that is compiled."""
     digest = hashlib.sha256()
     package = Path(__file__).parent.parent
-    for source in sorted(path for room in ("kernels", "tick") for path in (package / room).glob("*.py")):
-        digest.update(source.name.encode())
+    for source in sorted(path for room in ("kernels", "tick") for path in (package / room).rglob("*.py")):
+        digest.update(source.relative_to(package).as_posix().encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 

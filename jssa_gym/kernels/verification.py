@@ -124,7 +124,7 @@ def keeps_limits(state, jerk, after, plan, bounds, dt):
 
 
 @jit
-def _posture(motion, t, posture, fastest):
+def posture_at(motion, t, posture, fastest):
     """Joint positions at time t of step and stop, and each joint's largest speed from then on."""
     state, jerk, after, plan, dt = motion
     for j in range(jerk.shape[0]):
@@ -184,7 +184,7 @@ def _off(until, t, lasting):
 
 
 @jit
-def _apart(one, two, far):
+def apart(one, two, far):
     """Whether two axes are farther apart than ``far`` [m]: the balls around them are, which is seen faster."""
     between, length, width = 0.0, 0.0, 0.0
     for i in range(3):
@@ -220,7 +220,7 @@ def keeps_clear(robot, motion, ticks, around, work):
     fill(self_off, -np.inf)
     end, t = dt * (1 + ticks), 0.0
     for _ in range(_LOOKS):
-        _posture(motion, t, work.posture, fastest)
+        posture_at(motion, t, work.posture, fastest)
         pose(robot.links, work.posture, frames)
         place_axes(frames, robot.capsules, segments)
         lasting = end - t
@@ -237,7 +237,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                 radii = part["radius"] + agent["radius"]
                 # at a glance: even from the nearest that their ends could be, for longer than what comes first
                 far = radii + reach[k] + speed[k] * t + (rate + speed[k]) * (max(lasting, _SHORTEST) + _ROUNDING)
-                if _apart(part, agent, far):
+                if apart(part, agent, far):
                     continue
                 gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
                 lasts = (gap - reach[k] - speed[k] * t) / (rate + speed[k])

@@ -47,7 +47,9 @@ class Delivery:
 
 
 def recipient() -> HumanMotion:
-    """The person of the paper's Fig. 9: the hand is held low, then raised and moved towards the arm."""
+    """The person of the paper's Fig. 9: the hand is held low, then raised and moved towards the arm, at once at its speed
+    as it is in the figures.
+    """
     fixed = {
         "front": 1.3,
         "side": 0.0,
@@ -61,7 +63,7 @@ def recipient() -> HumanMotion:
         "hold": 1.2,
         "stay": 60.0,
     }
-    return Receive(**{name: (value, value) for name, value in fixed.items()})
+    return Receive(**{name: (value, value) for name, value in fixed.items()}, acceleration=None)
 
 
 def deliver(wrap: Callable[[gym.Env], gym.Env], name: str, steps: int = STEPS) -> Delivery:

@@ -32,10 +32,13 @@ LIMB_PARTS = ("arm", "elbow", "wrist", "hand", "palm", "fist", "finger", "thumb"
 """A body part whose name contains one of these, in any case, may move at ``limb_speed``, whatever else it contains: the
 wrist of a body is a wrist."""
 
+HARDNESS = (0.4, 0.55, 0.7, 0.85, 1.0)
+"""Shares of the acceleration and jerk limits that graded stops are planned with, softest first."""
+
 
 @dataclass(frozen=True, slots=True)
 class FailsafeParams:
-    """Assumptions of the verified stop; its promise holds as far as they do.
+    """Assumptions of the verified stop, and how it gives way; its promise holds as far as they do.
 
     Args:
         human_speed: No point of a person moves faster [m/s].
@@ -47,6 +50,7 @@ class FailsafeParams:
         contact_speed: What the arm's touching point may have in a contact [m/s], for all body parts or by name.
         state_tolerance: How far a reading of the joints' position, velocity and acceleration may be from where the
             applied jerks must have led [rad, rad/s, rad/s²], each for all joints or one a joint.
+        graded: Whether the arm is slowed down by and by where only a harder stop is verified.
 
     Raises:
         ParameterError: A number is negative or not finite, or a speed or ``max_age`` is not positive.
@@ -73,7 +77,13 @@ class FailsafeParams:
     measured. 0 is for readings of the commanded state, and allows for rounding. What lies beyond is a fault; what lies
     within may be the arm's own deviation, so that the position's is kept as a distance from people too."""
 
+    graded: bool = False
+    """Whether the arm is slowed down by and by where only a harder stop is verified, see :data:`HARDNESS`; else it goes
+    on as it is asked to until none is, and then brakes as hard as it can. No assumption, the promise is the same."""
+
     def __post_init__(self) -> None:
+        if not isinstance(self.graded, bool):
+            raise ParameterError(f"graded has to be True or False, got {self.graded!r}")
         for name in ("human_speed", "limb_speed", "max_age"):
             object.__setattr__(self, name, positive_number(name, getattr(self, name)))
         for name in ("position_error", "actuation_lag", "tracking_error"):
@@ -87,6 +97,11 @@ class FailsafeParams:
         else:
             object.__setattr__(self, "contact_speed", number_within("contact_speed", speeds, 0.0))
         object.__setattr__(self, "state_tolerance", _checked_tolerance(self.state_tolerance))
+
+    @property
+    def hardness(self) -> tuple[float, ...]:
+        """Shares of acceleration and jerk limits that stops are planned with, softest first."""
+        return HARDNESS if self.graded else HARDNESS[-1:]
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:

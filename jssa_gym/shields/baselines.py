@@ -1,23 +1,18 @@
 """Baselines: filters that add nothing to the layers around every filter."""
 
-import numpy as np
-
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.shields.filter import SafetyFilter, Tick
-from jssa_gym.tick import layout
-from jssa_gym.types import Decision, Status
+from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.tick.proposals.nothing import Nothing
 
 
 class NoFilter(SafetyFilter):
     """Applies the nominal inside the jerk bounds: the baseline that protects nobody, but still fails closed."""
 
-    proposal = layout.NONE
-
-    def respond(self, tick: Tick) -> Decision:
-        """The nominal, clipped to the box."""
-        status, reason = (Status.NOMINAL, "") if tick.inside else (Status.PROJECTED, tick.why_clipped)
-        return Decision(tick.clipped, tick.nominal, status, reason, np.nan, np.nan, (-1, -1), 0.0, 0)
+    @property
+    def proposal(self) -> Nothing:
+        """Nothing but the nominal, clipped to the box."""
+        return Nothing()
 
 
 class StopFilter(NoFilter):

@@ -51,14 +51,16 @@ class Batch:
         self.scene.now[["timed", "joints", "people", "seen", "fixtures"]] = True
         self.memory.tracks["speed"], self.memory.growth[:], self.memory.touch[:] = filter.assumed(people)
         self._work = layout.work(robot, *sizes, static_rows=settings.static_rows)
-        self._robot, self._settings = robot, settings
+        self._robot, self._settings, self._proposal = robot, settings, filter.proposal
         self._arms: Any = None
 
     @property
     def arms(self) -> Any:
         """What the compiled loop takes."""
         if self._arms is None:
-            self._arms = arms(self._robot, self._settings, self.memory, self.scene, self._work, self.answer)
+            self._arms = arms(
+                self._robot, self._settings, self._proposal, self.memory, self.scene, self._work, self.answer
+            )  # fmt: skip
         return self._arms
 
     def __getstate__(self) -> dict[str, Any]:

@@ -13,17 +13,19 @@ from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams, levers
-from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields.answers import sound
 from jssa_gym.shields.copying import refuse_shared_memory
+from jssa_gym.shields.offers import Offered, alternatives_of, tell
 from jssa_gym.shields.reading import Reading, part_of, words_of
 from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.rebasing import rebase
 from jssa_gym.shields.records import Records
 from jssa_gym.shields.tick import Tick
-from jssa_gym.shields.words import Told, in_words
+from jssa_gym.shields.words import Told, in_words, kind_of
 from jssa_gym.tick import codes, layout, loop
 from jssa_gym.tick.decide import ANSWERED, ASK
+from jssa_gym.tick.proposals.nothing import Foreign
+from jssa_gym.tick.propose import KINDS
 from jssa_gym.types import Array, Decision, Scene, Status
 from jssa_gym.validation import positive_number
 
@@ -44,12 +46,19 @@ _ASKED_BEFORE = {
 """What filters implemented before, and what they do now: an old one must not go unasked in silence."""
 
 
+def _softened(limits: Array, hardness: Sequence[float]) -> Array:
+    """The limits (5, n) with shares of the acceleration and jerk limits, shape (c, 5, n)."""
+    soft = np.repeat(limits[None], len(hardness), axis=0)
+    soft[:, 3:] *= np.array(hardness)[:, None, None]
+    return soft
+
+
 class SafetyFilter:
     """Decides which jerk is applied instead of the nominal one.
 
     A subclass of a user's own implements :meth:`respond` and may rely on finite, complete inputs: :meth:`decide`
     answers everything else itself, with the fallback and :attr:`Status.FAULT`. The nominal is never returned because
-    something failed. Filters that name a compiled :attr:`proposal` instead are decided in one compiled call.
+    something failed. Filters with a compiled :attr:`proposal` instead are decided in one compiled call.
 
     Around every filter, if asked for, lie a **viability box** (jerk bounds that keep the joint limits recoverable; else
     the box is the jerk bounds) and a **verified stop**: a jerk is applied only if a jerk-limited stop after it is
@@ -72,9 +81,6 @@ class SafetyFilter:
 
     fixed: ClassVar[frozenset[str]] = frozenset({"robot", "dt", "params", "viability", "failsafe"})
     """Attributes that say how an arm is looked after."""
-
-    proposal = layout.FOREIGN
-    """Who proposes a jerk in the compiled step; ``FOREIGN``: :meth:`respond` does."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -110,21 +116,49 @@ class SafetyFilter:
             failsafe.tolerance_of(robot)
         announce_compilation(loop.decide_all)
 
+    @property
+    def proposal(self) -> Any:
+        """Parameters of what proposes in the compiled step: their type, in :data:`~jssa_gym.tick.propose.KINDS`, says
+        what that is. ``Foreign()``: :meth:`respond` does."""
+        return Foreign()
+
     def respond(self, tick: Tick) -> Decision:
-        """Propose a jerk, in the box, and say why.
+        """Propose a jerk, in the box, and say why; without an answer of a subclass, what the compiled step proposes.
 
         Of an answer with :attr:`Status.FAULT`, which :meth:`failed` makes, only the reason counts: the arm then brakes
         or stops.
         """
-        raise NotImplementedError(f"{type(self).__name__} answers to nothing")
+        if not self._known:
+            raise NotImplementedError(f"{type(self).__name__} answers to nothing")
+        view = self.records.view
+        loop.propose(view.arms, view.nominal)
+        return self._told(tick)
 
     def amend(self, tick: Tick, decision: Decision, held: int, halt: Array) -> Array:
         """The jerk to apply if the first ``held`` joints have to go on with the stored stop's, ``halt`` (n,)."""
+        view = self.records.view
+        if self._known and loop.ask_again(view.arms, view.nominal, held):
+            return self.records.work.wanted.copy()
         return np.concatenate([halt[:held], decision.jerk[held:]])
 
     def foresee(self, decision: Decision, jerk: Array) -> tuple[float, float, tuple[int, int]]:
         """Index, smallest distance and its pair at the end of the step under another jerk; NaN where not computed."""
-        return np.nan, np.nan, (-1, -1)
+        if not self._known:
+            return np.nan, np.nan, (-1, -1)
+        loop.foresee(self.records.view.arms)
+        told = Told(*self.records.view.told.item())
+        return told.phi, told.distance, (told.row, told.column)
+
+    def _told(self, tick: Tick, note: str = "") -> Decision:
+        """The compiled step's proposal as a decision; ``note`` goes behind its reason."""
+        told = Told(*self.records.view.told.item())
+        if told.status == Status.FAULT:
+            return self.failed(tick, REASONS[told.code])
+        reason = "; ".join(part for part in (REASONS.get(told.code, ""), note) if part)
+        return Decision(
+            self.records.work.wanted.copy(), tick.nominal, Status(told.status), reason,
+            told.phi, told.distance, (told.row, told.column), told.slack, told.rows,
+        )  # fmt: skip
 
     def failed(self, tick: Tick, reason: str) -> Decision:
         """The answer of a :meth:`respond` that found no jerk."""
@@ -141,16 +175,13 @@ class SafetyFilter:
             dt=self.dt,
             guarded=params is not None,
             viability=self.viability,
-            proposal=self.proposal,
-            index=IndexParams().kernel(),
-            closest=False,
             static_rows=False,
-            authority=0.0,
-            recovery=0.0,
             diagonal=True,
             weight=np.ones(n),
             inverse=np.eye(n),
             stop_limits=limits,
+            hardness=np.array(assumed.hardness),
+            soft_limits=_softened(limits, assumed.hardness),
             tolerance=assumed.tolerance_of(self.robot),
             position_error=assumed.position_error,
             max_age=assumed.max_age,
@@ -171,7 +202,7 @@ class SafetyFilter:
         robot = self.robot
         parts = (np.array(part) for part in (robot.links, robot.capsules, robot.self_pairs))
         arm = layout.ArmRecord(*parts, levers(robot), robot.limits.bounds())
-        return Records(arm, self.settings())
+        return Records(arm, self.settings(), self.proposal)
 
     @cached_property
     def _reading(self) -> Reading:
@@ -234,6 +265,7 @@ class SafetyFilter:
         reading.forget()
         reading.read(scene)
         loop.start(self.records.view.arms)
+        self.records.answer.told["margin"] = np.inf
         reading.forget()
 
     def rebase(self, scene: Scene) -> None:
@@ -249,7 +281,7 @@ class SafetyFilter:
         if self.failsafe is not None:
             rebase(self.records, self._reading, scene)
 
-    def decide(self, scene: Scene | None, nominal: Array) -> Decision:
+    def decide(self, scene: Scene | None, nominal: Array, path: Offered | None = None) -> Decision:
         """The jerk to apply in this step.
 
         Never raises for bad numbers: a non-finite nominal or measurement, a missing one, a joint state that is not
@@ -261,6 +293,9 @@ class SafetyFilter:
         Args:
             scene: The present.
             nominal: The policy's jerk, shape (n,) [rad/s³].
+            path: Offers other jerks, in order of preference, that are applied rather than the nominal: the first that
+                lies in the box, that the filter would leave alone, and with a verified stop behind it. Whatever fails
+                about a path, the nominal is filtered as without one.
 
         Raises:
             InvalidActionError: ``nominal`` has another shape or is not made of real numbers.
@@ -269,23 +304,32 @@ class SafetyFilter:
         try:
             self._reading.read(scene)
             view, decision = self.records.view, None
-            view.nominal[0] = nominal
+            view.nominal[0], view.now[0]["alternatives"] = nominal, 0
+            if path is not None:
+                self._consider(path)
             if self._asks:
                 decision = self._ask(scene, nominal)
             else:
                 loop.decide_all(view.arms, view.nominal)
             decided = True
-            return self._answer(nominal, decision)
+            answer = self._answer(nominal, decision)
+            return answer if path is None else self._chosen(path, answer)
         except Exception as error:  # reading raises for no scene: this came from the step itself
             reason = f"the control step failed: {type(error).__name__}: {words_of(error)}"
-            return self._emergency(scene, nominal, reason, decided)
+            emergency = self._emergency(scene, nominal, reason, decided)
+            return emergency if path is None else self._chosen(path, emergency)
 
     @property
     def compiled(self) -> bool:
-        """Whether the compiled step proposes: for a class that names who does, not for one that answers itself."""
+        """Whether the compiled step proposes: for a class that says what does, not for one that answers itself."""
         asked = {"respond", "amend", "foresee"}
-        owner = next(kind for kind in type(self).__mro__ if asked & vars(kind).keys())
-        return self.proposal != layout.FOREIGN and "proposal" in vars(owner)
+        owner = next(kind for kind in type(self).__mro__ if {"proposal", *asked} & vars(kind).keys())
+        return self._known and "proposal" in vars(owner)
+
+    @cached_property
+    def _known(self) -> bool:
+        """Whether there is something compiled that can propose."""
+        return type(self.proposal) in KINDS
 
     def _answer(self, nominal: Array, proposed: Decision | None) -> Decision:
         """The decision that the answer in the records comes to; ``proposed`` is that of a filter that was asked."""
@@ -295,7 +339,8 @@ class SafetyFilter:
         if status == 0 and proposed is None:  # NOMINAL, the usual case: there is nothing to say
             if self._faults:
                 self._faults = 0
-            return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows)
+            margin = numbers[-1]
+            return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows, margin)
         told, pair = Told(*numbers), (row, column)
         if proposed is not None and told.chosen <= 0 and told.code in (0, codes.FOREIGN):
             reason = proposed.reason + ("; no verified stop" if told.unverified else "")
@@ -307,7 +352,31 @@ class SafetyFilter:
             self._count_fault(reason, told.persistent)
         else:
             self._faults = 0
-        return Decision(jerk, nominal, _STATUSES[status], reason, phi, distance, pair, slack, rows)
+        return Decision(
+            jerk, nominal, _STATUSES[status], reason, phi, distance, pair, slack, rows, told.margin, kind_of(told)
+        )  # fmt: skip
+
+    def _consider(self, path: Offered) -> None:
+        """Take down what a path offers."""
+        view = self.records.view
+        guarded = self.records.settings.guarded
+        state = self.expected if guarded else view.joints
+        margin = float(view.told[0]["margin"]) if guarded else np.inf
+        view.now[0]["alternatives"] = alternatives_of(path, state.copy(), margin, self.records.scene.alternatives[0])
+
+    def _chosen(self, path: Offered, decision: Decision) -> Decision:
+        """Tell a path what became of what it offered."""
+        view, choice = self.records.view, -1
+        if decision.status == Status.NOMINAL:
+            choice = int(view.told[0]["choice"])
+            if choice < 0:  # but what is applied may be one of them
+                offered = self.records.scene.alternatives[0, : view.now[0]["alternatives"]]
+                same = np.abs(offered - decision.jerk).max(axis=1) <= 1e-12 * np.max(self.robot.limits.jerk)
+                choice = int(same.argmax()) if same.any() else -1
+        override = tell(path, choice)
+        if choice < 0:
+            return decision._replace(override=override)
+        return decision._replace(nominal=decision.jerk.copy(), choice=choice, kind="alternative", override=override)
 
     def _say(self, told: Told, nominal: Array) -> str:
         """The reason in words; it is decided already, whatever names turn out to be."""
@@ -353,7 +422,7 @@ class SafetyFilter:
         except Exception:
             _logger.exception("the arm cannot even brake")
         self._count_fault(reason, False)
-        return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0)
+        return Decision(jerk, nominal, Status.FAULT, reason, np.nan, np.nan, (-1, -1), np.nan, 0, kind="fault")
 
     def _brake(self, scene: Scene | None) -> None:
         """Go on with the stored stop or, without one, brake from where the arm is read or must have gone."""

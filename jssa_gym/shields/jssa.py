@@ -11,10 +11,10 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.projectors import PROJECTORS
 from jssa_gym.shields.filter import SafetyFilter, Tick
-from jssa_gym.shields.reasons import REASONS
-from jssa_gym.shields.words import Told
 from jssa_gym.tick import layout, loop
-from jssa_gym.tick.propose import PROJECT
+from jssa_gym.tick.proposals.exact import ExactRows
+from jssa_gym.tick.proposals.printed import PrintedRows
+from jssa_gym.tick.proposals.rows import PROJECT
 from jssa_gym.types import Array, Decision, HalfSpaces, Status
 from jssa_gym.validation import known_name, positive_number
 
@@ -88,9 +88,12 @@ class JSSAFilter(SafetyFilter):
         self._authority = min_authority * self.index.lambda2 * self.dt
 
     @property
-    def proposal(self) -> int:
+    def proposal(self) -> ExactRows | PrintedRows:
         """Exact rows, or those of the paper."""
-        return layout.PRINTED if self.gradient == "printed" else layout.JSSA
+        index, closest, authority = self.index.kernel(), self.rows == "closest", float(self._authority)
+        if self.gradient == "printed":
+            return PrintedRows(index, closest, authority)
+        return ExactRows(index, closest, authority, self.recovery)
 
     @property
     def compiled(self) -> bool:
@@ -103,11 +106,7 @@ class JSSAFilter(SafetyFilter):
             super()
             .settings()
             ._replace(
-                index=self.index.kernel(),
-                closest=self.rows == "closest",
                 static_rows=self.static_rows,
-                authority=float(self._authority),
-                recovery=self.recovery,
                 diagonal=diagonal is not None,
                 weight=np.ones(self.robot.n) if diagonal is None else diagonal.copy(),
                 inverse=np.asarray(np.linalg.inv(V), np.float64),
@@ -116,18 +115,10 @@ class JSSAFilter(SafetyFilter):
 
     def respond(self, tick: Tick) -> Decision:
         """The compiled step's rows, projected by whatever projector this filter has."""
-        fault, note = self._solve(tick, True)
+        code, note = self._solve(tick, True)
         view = self.records.view
-        loop.name_status(view.arms, view.nominal, fault)
-        told = Told(*view.told.item())
-        if told.status == Status.FAULT:
-            return self.failed(tick, REASONS[told.code])
-        reason = "; ".join(part for part in (REASONS.get(told.code, ""), note) if part)
-        pair = told.row, told.column
-        return Decision(
-            self.records.work.wanted.copy(), tick.nominal, Status(told.status), reason,
-            told.phi, told.distance, pair, told.slack, told.rows,
-        )  # fmt: skip
+        loop.name_status(view.arms, view.nominal, code)
+        return self._told(tick, note)
 
     def amend(self, tick: Tick, decision: Decision, held: int, halt: Array) -> Array:
         """Projected once more, in a box that leaves the held joints no choice."""
@@ -136,24 +127,21 @@ class JSSAFilter(SafetyFilter):
         work, narrow = self.records.work, tick.holding(held, halt)
         box = work.lower.copy(), work.upper.copy()
         work.lower[:], work.upper[:], work.clipped[:] = narrow.lower, narrow.upper, narrow.clipped
-        fault, _ = self._solve(narrow, False)
+        code, _ = self._solve(narrow, False)
         work.lower[:], work.upper[:] = box
-        return super().amend(tick, decision, held, halt) if fault else work.wanted.copy()
+        if code // 100 == Status.FAULT:
+            return np.concatenate([halt[:held], decision.jerk[held:]])
+        return work.wanted.copy()
 
     def _solve(self, tick: Tick, first: bool) -> tuple[int, str]:
-        """A jerk into the step's ``wanted``: 0 or the code of what failed, and the projector's note."""
+        """A jerk into the step's ``wanted``: what became of the nominal, as a code, and the projector's note."""
         view, work, note = self.records.view, self.records.work, ""
         told = view.told if first else work.told
-        stage = loop.begin_rows(view.arms, first)
+        stage = loop.begin_rows(view.arms, view.nominal, first)
         while stage == PROJECT:
             count = int(told["rows"][0])
             rows = HalfSpaces(work.L[:count], work.S[:count])
             jerk, feasible, left, note = self._projector.project(tick.nominal, rows, tick.lower, tick.upper)
             work.wanted[:] = jerk
-            stage = loop.after_projection(view.arms, bool(feasible), float(left), first)
+            stage = loop.after_projection(view.arms, view.nominal, bool(feasible), float(left), first)
         return stage, note
-
-    def foresee(self, decision: Decision, jerk: Array) -> tuple[float, float, tuple[int, int]]:
-        """What the compiled step has foreseen already."""
-        told = Told(*self.records.view.told.item())
-        return told.phi, told.distance, (told.row, told.column)

@@ -93,7 +93,7 @@ class Reading:
         view = self._records.view
         if self._spoiled:
             self._spoiled, self.wrong = False, dict.fromkeys(self.wrong, "")
-            view.now[0] = (0.0, True, True, True, True, True)
+            view.now[0] = (0.0, True, True, True, True, True, 0)
         if scene is None:
             self._lose("there is no scene")
             return

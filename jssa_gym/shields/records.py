@@ -47,10 +47,11 @@ class Records:
     Args:
         robot: The arm.
         settings: How it is looked after.
+        proposal: The parameters of whoever proposes, of a type in :data:`~jssa_gym.tick.propose.KINDS`, or ``Foreign``.
     """
 
-    def __init__(self, robot: ArmRecord, settings: StepSettings) -> None:
-        self.robot, self.settings = robot, settings
+    def __init__(self, robot: ArmRecord, settings: StepSettings, proposal: Any) -> None:
+        self.robot, self.settings, self.proposal = robot, settings, proposal
         n = len(robot.links)
         self.memory = layout.memory(1, n, 0, 0, 0)
         self.scene, self.answer = layout.scene_record(1, n, 0, 0, 0), layout.answer(1, n)
@@ -77,7 +78,7 @@ class Records:
         if self._view is None:
             scene, answer = self.scene, self.answer
             self._view = View(
-                arms(self.robot, self.settings, self.memory, scene, self.work, answer),
+                arms(self.robot, self.settings, self.proposal, self.memory, scene, self.work, answer),
                 np.zeros((1, len(self.robot.links))),
                 scene.now,
                 scene.joints[0],

@@ -8,6 +8,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import NEAR, PUBLISHED, IndexParams
+from jssa_gym.shields.ahead import AheadFilter
 from jssa_gym.shields.baselines import NoFilter, StopFilter
 from jssa_gym.shields.closed_form import PFMFilter, SMAFilter, SSMFilter
 from jssa_gym.shields.energy import CBFFilter, SSAFilter, SSSFilter
@@ -60,6 +61,7 @@ FILTERS: dict[str, Build] = {
     "jssa": JSSAFilter,
     "jssa_near": _jssa_near,
     "jssa_published": _jssa_published,
+    "jssa_ahead": AheadFilter,
     "ssa": SSAFilter,
     "sss": SSSFilter,
     "cbf": CBFFilter,

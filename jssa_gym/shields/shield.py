@@ -19,6 +19,7 @@ from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
 from jssa_gym.shields.environment import provider, refuse_misfit, robot_and_dt
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
+from jssa_gym.shields.offers import Offered
 from jssa_gym.shields.options import JSSAOptions
 from jssa_gym.shields.reasons import reason_code
 from jssa_gym.shields.registry import PUBLISHED_FORM, TASK_SHIELD, changed_params, make_filter, read_name
@@ -71,7 +72,9 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
     ``shield/reason`` (str), ``shield/reason_code`` (int, see :data:`~jssa_gym.shields.reasons.REASONS`),
     ``shield/intervened`` (bool), ``shield/phi`` [m²], ``shield/correction`` (largest change
     of a joint's action), ``shield/robot_pair`` and ``shield/human_pair`` (capsule numbers, -1 for none),
-    ``shield/slack`` [m²].
+    ``shield/slack`` [m²], ``shield/margin`` (room that the stop behind the nominal leaves to people [m], inf where
+    nothing would move), ``shield/kind`` (str, see :data:`~jssa_gym.types.Kind`), ``shield/choice`` (which of the
+    alternatives of :meth:`offer` is applied, -1 for none) and ``shield/override`` (pace that the path asked for).
 
     Args:
         env: The environment.
@@ -115,6 +118,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         robot = refuse_misfit(env, filter)
         self.filter = copy.deepcopy(filter)
         self.last_decision: Decision | None = None
+        self._offered: Offered | None = None
         self._jerk_bound = np.array(robot.limits.jerk)
         self._n = robot.n
 
@@ -124,10 +128,21 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._source = provider(self.env, "scene")
         scene = self._source.scene
         self.filter.reset(scene)
-        self.last_decision = None
+        self.last_decision, self._offered = None, None
         self._report(info, self.filter.decide(scene, np.zeros(self._n)), 0.0)
         self.filter.reset(scene)
         return observation, info
+
+    def offer(self, path: Offered) -> None:
+        """Offer a path, or jerks in order of preference, for the next step, to be applied rather than its action.
+
+        One is applied where it lies in the box, the filter would leave it alone and the stop behind it is verified;
+        the first such. Where there is none, the action is filtered as ever.
+
+        Args:
+            path: A :class:`~jssa_gym.shields.offers.Path`, which the shield asks; or an array of shape (a, n) [rad/s³].
+        """
+        self._offered = path
 
     def rebase(self) -> None:
         """Take an arm that rests, but was moved by something else, to be where the scene says.
@@ -165,10 +180,12 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         fraction = checked_action(action, self._n)
         nominal = np.empty(self._n)
         scale_nominal(fraction, self._jerk_bound, nominal)
-        decision = self.filter.decide(self._scene(), nominal)
+        offered, self._offered = self._offered, None
+        scene = self._scene()
+        decision = self.filter.decide(scene, nominal) if offered is None else self.filter.decide(scene, nominal, offered)
         self.last_decision = decision
         correction = 0.0
-        if decision.status != Status.NOMINAL:
+        if decision.status != Status.NOMINAL or decision.choice >= 0:
             action = np.empty(self._n)
             to_shares(decision.jerk, self._jerk_bound, action)
             with np.errstate(invalid="ignore"):  # a signalling NaN in the action warns
@@ -187,6 +204,9 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         info["shield/correction"] = correction
         info["shield/robot_pair"], info["shield/human_pair"] = decision.pair
         info["shield/slack"] = float(decision.slack)
+        info["shield/margin"] = float(decision.margin)
+        info["shield/kind"] = decision.kind
+        info["shield/choice"], info["shield/override"] = decision.choice, decision.override
 
 
 class JSSAShield(Shield):

@@ -11,8 +11,9 @@ from jssa_gym.shields.reading import Reading
 from jssa_gym.shields.reasons import FAULTS, FIXTURES, REASONS, SAMPLES, UNFIT
 from jssa_gym.shields.records import Records
 from jssa_gym.tick import codes
+from jssa_gym.tick.admit import GRADED, HALFWAY, STORED
 from jssa_gym.tick.people import NO_TIME
-from jssa_gym.types import Array
+from jssa_gym.types import Array, Kind
 
 
 class Told(NamedTuple):
@@ -40,20 +41,36 @@ class Told(NamedTuple):
     recovering: bool
     kept: bool
     chosen: int
+    choice: int
+    margin: float
 
 
 def in_words(told: Told, nominal: Array, robot: RobotModel, records: Records, reading: Reading) -> str:
     """Why the jerk is not the nominal; empty if it is."""
     if told.status == codes.NOMINAL:
         return ""
+    if told.status == codes.FAILSAFE:
+        obstacle = _obstacle(told, robot, records, reading)
+        return f"slowed down: {obstacle}" if told.chosen == GRADED else obstacle
     if told.status != codes.FAULT:
-        return _obstacle(told, robot, records, reading) if told.status == codes.FAILSAFE else REASONS[told.code]
+        return REASONS[told.code]
     if codes.LIMITS <= told.code <= codes.MEETS:
         return f"no verified stop: {_obstacle(told, robot, records, reading)}"
     reason = _fault(told, records, reading)
     if records.settings.guarded and told.code != codes.NOT_FINITE_NOMINAL and not np.isfinite(nominal).all():
         reason = f"{FAULTS[1]}; {reason}"
     return f"{reason}; no verified stop" if told.unverified else reason
+
+
+def kind_of(told: Told) -> Kind:
+    """What kind of jerk it is that is applied."""
+    if told.status == codes.FAULT:
+        return "fault"
+    if told.chosen == STORED:
+        return "stop"
+    if told.chosen in (HALFWAY, GRADED):
+        return "graded"
+    return "nominal" if told.status == codes.NOMINAL else "projected"
 
 
 def _obstacle(told: Told, robot: RobotModel, records: Records, reading: Reading) -> str:

@@ -8,6 +8,7 @@ rest of the last one.
 import numpy as np
 
 from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.margin import margin
 from jssa_gym.kernels.motion import integrate, make_representable, representable
 from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk
 from jssa_gym.kernels.vector import copy, copy_rows
@@ -23,8 +24,9 @@ from jssa_gym.kernels.verification import (
 )
 from jssa_gym.tick import codes
 
-WANTED, HALFWAY, STORED = range(3)
-"""Which jerk was chosen: what was proposed, one half way to the stored stop's, or the stored stop's."""
+WANTED, HALFWAY, STORED, GRADED = range(4)
+"""Which jerk was chosen: what was proposed, one half way to the stored stop's, the stored stop's, or what was proposed
+blended with braking."""
 
 
 @jit
@@ -62,49 +64,122 @@ def take_fixtures(memory, scene, e):
 
 
 @jit
-def keeps_safe(robot, settings, memory, jerk, work, e):
-    """Whether the stop after one step at ``jerk`` (n,) is verified, into ``work.next``.
+def plan_behind(settings, memory, jerk, hardness, work, e):
+    """One step at ``jerk`` (n,) into ``work.after``, the stop of a hardness after it into ``work.next``; its ticks."""
+    integrate(memory.state[e], jerk, settings.dt, work.after)
+    ticks = plan_stop(work.after, settings.soft_limits[hardness], settings.dt, work.next)
+    make_plan_representable(work.next, settings.stop_limits)
+    return ticks
+
+
+@part
+def _seen_by_stop(settings, memory, work, e):
+    return Around(
+        work.grown, work.reach, memory.growth[e], memory.touch[e], memory.statics[e], memory.planes[e], settings.astray
+    )  # fmt: skip
+
+
+@jit
+def keeps_safe(robot, settings, memory, jerk, hardness, work, e):
+    """Whether the stop of a hardness after one step at ``jerk`` (n,) is verified, into ``work.next``.
 
     Returns:
         ``SAFE``, or what is in the way: its code, the robot's capsule, the other's number, the time of contact [s].
     """
     state = memory.state[e]
-    integrate(state, jerk, settings.dt, work.after)
-    ticks = plan_stop(work.after, settings.stop_limits, settings.dt, work.next)
-    make_plan_representable(work.next, settings.stop_limits)
+    ticks = plan_behind(settings, memory, jerk, hardness, work, e)
+    # however soft a stop is, the limits that it has to keep are the true ones
     if not keeps_limits(state, jerk, work.after, work.next, settings.stop_limits, settings.dt):
         return LIMITS, -1, -1, 0.0
     motion = StepAndStop(state, jerk, work.after, work.next, settings.dt)
-    around = Around(
-        work.grown, work.reach, memory.growth[e], memory.touch[e], memory.statics[e], memory.planes[e], settings.astray
-    )  # fmt: skip
-    return keeps_clear(robot, motion, ticks, around, work)
+    return keeps_clear(robot, motion, ticks, _seen_by_stop(settings, memory, work, e), work)
+
+
+@jit
+def room_behind(robot, settings, memory, jerk, work, e):
+    """Margin of the hardest stop after one step at ``jerk`` (n,) [m], see :func:`~jssa_gym.kernels.margin.margin`."""
+    ticks = plan_behind(settings, memory, jerk, settings.hardness.shape[0] - 1, work, e)
+    motion = StepAndStop(memory.state[e], jerk, work.after, work.next, settings.dt)
+    return margin(robot, motion, ticks, _seen_by_stop(settings, memory, work, e), work)
+
+
+@jit
+def softest(robot, settings, memory, jerk, first, work, e):
+    """The softest verified stop behind ``jerk`` (n,), looked for from hardness number ``first`` on.
+
+    Returns:
+        Its number, or how many there are if none is verified; then what was in the way of the one tried last, as of
+        :func:`keeps_safe`.
+    """
+    code, row, column, moment = LIMITS, -1, -1, 0.0
+    for hardness in range(first, settings.hardness.shape[0]):
+        code, row, column, moment = keeps_safe(robot, settings, memory, jerk, hardness, work, e)
+        if code == SAFE:
+            return hardness, code, row, column, moment
+    return settings.hardness.shape[0], code, row, column, moment
+
+
+@jit
+def blend(settings, memory, wanted, hardness, jerk, work, e):
+    """What is wanted, turned towards braking the more the harder a stop behind it has to be, into ``jerk`` (n,).
+
+    With :math:`c_1` the softest hardness and b the first jerk of a stop of hardness c from the present,
+    :math:`u = b + (1 - c) / (1 - c_1) (u_w - b)`: beside people an arm is slowed down by and by, not all at once.
+    """
+    plan_stop(memory.state[e], settings.soft_limits[hardness], settings.dt, work.next)
+    stop_jerk(work.next, 0, jerk)
+    share = (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0])
+    for j in range(jerk.shape[0]):
+        jerk[j] = representable(jerk[j] + share * (wanted[j] - jerk[j]), settings.stop_limits[4, j])
 
 
 @jit
 def choose(robot, settings, memory, wanted, jerk, work, e):
     """The first verified one of: the wanted jerk, the jerk half way to the stored stop's, the stored stop's.
 
+    If there are stops of several hardness, the wanted jerk is applied as it is only before a soft one, and blended with
+    braking before a harder one.
+
     Into ``jerk`` (n,), the state after it into ``work.after``, the stop from there into ``work.next``: for the stored
     stop's that holds nothing of use.
 
     Returns:
-        Which one (0, 1, 2); then code, robot capsule, other's number and time of what stood in the first one's way.
+        Which one (see ``WANTED``); then code, robot capsule, other's number and time of what stood in the first one's
+        way.
     """
     step = memory.arm[e]["step"]
     copy(wanted, jerk)
-    why, row, column, moment = keeps_safe(robot, settings, memory, jerk, work, e)
+    why, row, column, moment = keeps_safe(robot, settings, memory, jerk, 0, work, e)
     if why == SAFE:
         return WANTED, why, row, column, moment
+    count = settings.hardness.shape[0]
+    if count > 1:
+        hardness, code, other_row, other_column, other_moment = softest(robot, settings, memory, jerk, 1, work, e)
+        if hardness < count:
+            blend(settings, memory, wanted, hardness, jerk, work, e)
+            hardness, _, _, _, _ = softest(robot, settings, memory, jerk, hardness - 1, work, e)
+            if hardness < count:
+                return GRADED, why, row, column, moment
+        else:
+            why, row, column, moment = code, other_row, other_column, other_moment
     stop_jerk(memory.stored[e], step, jerk)
     for j in range(jerk.shape[0]):
         jerk[j] = representable((jerk[j] + wanted[j]) / 2.0, settings.stop_limits[4, j])
-    code, _, _, _ = keeps_safe(robot, settings, memory, jerk, work, e)
-    if code == SAFE:
+    hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, work, e)
+    if hardness < count:
         return HALFWAY, why, row, column, moment
     stop_jerk(memory.stored[e], step, jerk)
     integrate(memory.state[e], jerk, settings.dt, work.after)
     return STORED, why, row, column, moment
+
+
+@jit
+def grow_people(settings, memory, work, e):
+    """What the stop sees of the people: as they were measured, and how far they can have come since."""
+    load_people(
+        work.people[0], work.people[1], work.radius, memory.growth[e], work.age, settings.lag,
+        settings.position_error + settings.astray, work.grown, work.reach,
+    )  # fmt: skip
 
 
 @part
@@ -121,14 +196,10 @@ def confirm(robot, settings, memory, work, answer, e):
         still the first.
     """
     told, n = answer.told[e], answer.jerk.shape[1]
-    load_people(
-        work.people[0], work.people[1], work.radius, memory.growth[e], work.age, settings.lag,
-        settings.position_error + settings.astray, work.grown, work.reach,
-    )  # fmt: skip
     which, code, row, column, moment = choose(robot, settings, memory, answer.jerk[e], work.jerk, work, e)
     told["detail"], told["capsule"], told["other"], told["moment"] = code, row, column, moment
     told["chosen"] = which
-    if which == WANTED:
+    if which in (WANTED, GRADED):
         return 0
     stop_jerk(memory.stored[e], memory.arm[e]["step"], work.halt)
     carried = robot.capsules[row]["link"] + 1 if row >= 0 else n
@@ -136,6 +207,20 @@ def confirm(robot, settings, memory, work, answer, e):
         return carried
     confirm_last(robot, settings, memory, work, answer, e)
     return 0
+
+
+@jit
+def admits(robot, settings, memory, jerk, work, answer, e):
+    """Whether a stop of some hardness behind ``jerk`` (n,) is verified, which then is the stored one."""
+    hardness, code, row, column, moment = softest(robot, settings, memory, jerk, 0, work, e)
+    if hardness == settings.hardness.shape[0]:
+        return False
+    told = answer.told[e]
+    told["chosen"], told["detail"] = WANTED, code
+    told["capsule"], told["other"], told["moment"] = row, column, moment
+    copy(jerk, work.jerk)
+    store_stop(memory, work, answer, e)
+    return True
 
 
 @part

@@ -14,41 +14,54 @@ from jssa_gym.kernels.motion import brake, integrate, make_representable
 from jssa_gym.kernels.vector import copy, copy_rows, fill, fill_rows
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.tick import codes
-from jssa_gym.tick.admit import WANTED, confirm, confirm_held, store_stop, take_fixtures, unfit_answer
+from jssa_gym.tick.admit import (
+    WANTED,
+    admits,
+    confirm,
+    confirm_held,
+    grow_people,
+    room_behind,
+    store_stop,
+    take_fixtures,
+    unfit_answer,
+)
 from jssa_gym.tick.joints import begin, check_joints, forget, go_on, measured, persistent, replan
 from jssa_gym.tick.people import check_people, forget_people, people_now
-from jssa_gym.tick.propose import clip_to_box, foresee, propose, propose_held
+from jssa_gym.tick.propose import clip_to_box, foresee, leaves_alone, meet_people, propose, propose_held
 
 ANSWERED, ASK, CORNERED = range(3)
 """After :func:`prepare`: it is decided; a jerk has to be proposed; the box leaves no choice."""
 
 
 @part
-def decide(robot, settings, memory, scene, nominal, work, answer, e):
+def decide(arms, nominal, e):
     """The jerk to apply in this step of one arm, and why.
 
     Take in and check, believe (or not) the people, the viability box, the filter's rows and projection, the verified
     stop.
 
     Args:
-        robot: The arm.
-        settings: How it is looked after.
-        memory: What its shield remembers; changed.
-        scene: The present as it is shown.
+        arms: The arms (:func:`~jssa_gym.tick.structs.arms`): how they are looked after, what their shields remember,
+            the present as it is shown, and the result.
         nominal: The policy's jerk, shape (n,) [rad/s³].
-        work: Scratch.
-        answer: Result.
         e: Which arm: an entry of memory, scene and answer.
     """
+    robot, settings, memory, scene = arms.robot, arms.settings, arms.memory, arms.scene
+    work, answer = arms.work, arms.answer
     stage = prepare(robot, settings, memory, scene, nominal, work, answer, e)
     if stage == ANSWERED:
         return
     if stage == ASK:
-        propose(robot, settings, memory, scene, nominal, work, answer, e)
+        fault = meet_people(arms, e)
+        if fault == 0 and take_alternative(arms, nominal, e):
+            return
+        propose(arms, nominal, fault, e)
     held = settle(robot, settings, memory, scene, nominal, work, answer, e)
     if held > 0:  # so many joints, from the base, have to go on with the stored stop; the others may do something else
-        propose_held(robot, settings, memory, nominal, held, work, answer, e)
+        propose_held(arms, nominal, held, e)
         settle_held(robot, settings, memory, work, answer, e)
+    if answer.told[e]["chosen"] > WANTED and not np.isnan(answer.told[e]["phi"]):
+        foresee(arms, e)
 
 
 @part
@@ -73,12 +86,43 @@ def prepare(robot, settings, memory, scene, nominal, work, answer, e):
     else:
         _jerk_bounds(robot, work)
     answer.told[e]["inside"] = clip_to_box(nominal, work)
+    if settings.guarded:
+        grow_people(settings, memory, work, e)
+        answer.told[e]["margin"] = room_behind(robot, settings, memory, work.clipped, work, e)
     if room:
         return ASK
     copy(work.clipped, work.wanted)
     told = answer.told[e]
     told["status"], told["code"], told["slack"] = codes.RELAXED, codes.CORNERED, 0.0
     return CORNERED
+
+
+@jit
+def take_alternative(arms, nominal, e):
+    """Apply the first of a planner's alternatives that is sound, left alone by the filter and followed by a verified stop.
+
+    Returns:
+        Whether there is one; if not, nothing is decided and ``work.clipped`` is the nominal again.
+    """
+    robot, settings, memory, work, answer = arms.robot, arms.settings, arms.memory, arms.work, arms.answer
+    told, count = answer.told[e], arms.scene.now[e]["alternatives"]
+    if count == 0:
+        return False
+    if settings.guarded and take_fixtures(memory, arms.scene, e)[0]:
+        return False
+    for choice in range(count):
+        jerk = arms.scene.alternatives[e, choice]
+        copy(jerk, work.clipped)
+        if unfit_answer(work.clipped, jerk, False, robot.limits[4], work) or not leaves_alone(arms, jerk, told, e):
+            continue
+        if settings.guarded and not admits(robot, settings, memory, work.clipped, work, answer, e):
+            continue
+        copy(work.clipped, answer.jerk[e])
+        copy(work.clipped, memory.applied[e])
+        told["status"], told["code"], told["choice"], told["inside"] = codes.NOMINAL, 0, choice, True
+        return True
+    told["inside"] = clip_to_box(nominal, work)
+    return False
 
 
 @part
@@ -122,7 +166,7 @@ def settle_held(robot, settings, memory, work, answer, e):
 def stop(robot, settings, memory, work, answer, fault, e):
     """Go on with the stored stop or, without one, brake: something failed, which the code ``fault`` names."""
     told, jerk = answer.told[e], answer.jerk[e]
-    told["status"], told["code"], told["chosen"] = codes.FAULT, fault, -1
+    told["status"], told["code"], told["chosen"], told["margin"] = codes.FAULT, fault, -1, np.nan
     told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
     told["row"], told["column"], told["rows"] = -1, -1, 0
     if settings.guarded:
@@ -152,6 +196,7 @@ def _clear(told):
     told["unverified"], told["persistent"], told["inside"], told["fresh"] = False, False, False, False
     told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
     told["row"], told["column"], told["rows"] = -1, -1, 0
+    told["margin"], told["choice"] = np.nan, -1
 
 
 @part
@@ -231,8 +276,6 @@ def _conclude(robot, settings, memory, work, answer, e):
     if not memory.arm[e]["verified"]:
         told["status"], told["unverified"] = codes.FAULT, True
     told["slack"] = np.nan
-    if not np.isnan(told["phi"]):
-        foresee(robot, settings, memory, answer.jerk[e], work, told, e)
 
 
 @jit

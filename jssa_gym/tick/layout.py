@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.kernels.index import Index
 from jssa_gym.kernels.projection import scratch
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, STOP, TRACK, records
 
@@ -20,8 +19,8 @@ Floats = NDArray[np.float64]
 REMEMBERED = 32
 """Ticks by which a joint reading may lag and still be told so."""
 
-NONE, JSSA, PRINTED, FOREIGN = range(4)
-"""Who proposes a jerk: nobody, JSSA by exact rows or by those of the paper, or a filter that is not compiled."""
+ALTERNATIVES = 8
+"""Jerks that may be offered beside the nominal."""
 
 
 class ArmRecord(NamedTuple):
@@ -40,7 +39,7 @@ class ArmRecord(NamedTuple):
 
 
 class StepSettings(NamedTuple):
-    """Numbers that never change: how the arm is looked after."""
+    """Numbers that never change: how the arm is looked after, whoever proposes."""
 
     dt: float
     """Control step [s]."""
@@ -48,18 +47,8 @@ class StepSettings(NamedTuple):
     """Whether nothing is applied that a verified stop does not follow."""
     viability: bool
     """Whether the box keeps the joint limits recoverable; else it is the jerk bounds."""
-    proposal: int
-    """Who proposes: ``NONE``, ``JSSA``, ``PRINTED`` or ``FOREIGN``."""
-    index: Index
-    """Parameters of the safety index."""
-    closest: bool
-    """Whether only the closest pair makes a row."""
     static_rows: bool
     """Whether static capsules and half-spaces make rows too."""
-    authority: float
-    """Pairs that the jerk bounds move by less make no rows [m²]."""
-    recovery: float
-    """Share of its authority by which an index above 0 has to fall in a step."""
     diagonal: bool
     """Whether V of Eq. (14) is diagonal."""
     weight: Floats
@@ -68,6 +57,10 @@ class StepSettings(NamedTuple):
     """V's inverse, shape (n, n)."""
     stop_limits: Floats
     """The limits that stops keep, shape (5, n): the arm's."""
+    hardness: Floats
+    """Shares of acceleration and jerk limit that stops are planned with, softest first, the last 1; shape (c,)."""
+    soft_limits: Floats
+    """The limits that stops are planned with, shape (c, 5, n)."""
     tolerance: Floats
     """How far a reading of the joints may be from where the applied jerks must have led, shape (3, n)."""
     position_error: float
@@ -156,6 +149,7 @@ SCENE = np.dtype(
         ("people", np.bool_),  # whether the people could
         ("seen", np.bool_),  # whether there was a scene to read them from
         ("fixtures", np.bool_),  # whether static capsules and half-spaces could
+        ("alternatives", np.int64),  # how many jerks are offered beside the nominal
     ],
     align=True,
 )
@@ -187,6 +181,8 @@ class SceneRecord(NamedTuple):
     """Outward normals of half-spaces, shape (p, 3)."""
     offset: Floats
     """Shape (p,) [m]."""
+    alternatives: Floats
+    """Jerks that a planner would rather see applied, in order of preference, shape (8, n) [rad/s³]."""
 
 
 ANSWER = np.dtype(
@@ -212,7 +208,9 @@ ANSWER = np.dtype(
         ("attempt", np.int64),  # times that rows were linearised anew; of printed rows, how many there are
         ("recovering", np.bool_),  # a row asks for less than 0 at once
         ("kept", np.bool_),  # all rows are kept
-        ("chosen", np.int64),  # 0 what was proposed, 1 half way to the stored stop, 2 the stored stop; -1 on a fault
+        ("chosen", np.int64),  # what is applied, see jssa_gym.tick.admit; -1 on a fault
+        ("choice", np.int64),  # which alternative is applied, -1 for none
+        ("margin", np.float64),  # room that the stop behind the nominal leaves to people [m]
     ],
     align=True,
 )
@@ -338,6 +336,7 @@ def scene_record(arms: int, n: int, people: int, statics: int, planes: int) -> S
         static_radius=np.zeros((arms, statics)),
         normal=np.zeros((arms, planes, 3)),
         offset=np.zeros((arms, planes)),
+        alternatives=np.zeros((arms, ALTERNATIVES, n)),
     )
 
 

@@ -2,10 +2,9 @@
 
 from jssa_gym.kernels.jit import jit
 from jssa_gym.tick import decide as step
-from jssa_gym.tick import propose
+from jssa_gym.tick import propose as proposing
 from jssa_gym.tick.decide import decide
 from jssa_gym.tick.joints import forget, replan
-from jssa_gym.tick.propose import meet
 
 
 @jit
@@ -17,7 +16,7 @@ def decide_all(arms, nominal):
         nominal: The policies' jerks, shape (E, n) [rad/s³].
     """
     for e in range(nominal.shape[0]):
-        decide(arms.robot, arms.settings, arms.memory, arms.scene, nominal[e], arms.work, arms.answer, e)
+        decide(arms, nominal[e], e)
 
 
 @jit
@@ -45,26 +44,50 @@ def stop(arms, fault):
 
 
 @jit
-def begin_rows(arms, first):
-    """:func:`~jssa_gym.tick.propose.begin_rows` of a single arm, at ``first`` after ``meet``."""
-    memory, told, humans = arms.memory, arms.answer.told[0] if first else arms.work.told[0], arms.memory.tracks.shape[1]
-    fault = meet(arms.settings, memory, arms.scene, arms.work, 0) if first else 0
-    return fault if fault else propose.begin_rows(arms.robot, arms.settings, memory.state[0], humans, arms.work, told)
+def propose(arms, nominal):
+    """:func:`~jssa_gym.tick.propose.propose` of a single arm."""
+    proposing.propose(arms, nominal[0], proposing.meet_people(arms, 0), 0)
 
 
 @jit
-def after_projection(arms, feasible, left, first):
-    """:func:`~jssa_gym.tick.propose.after_projection` of a single arm."""
-    memory, told, humans = arms.memory, arms.answer.told[0] if first else arms.work.told[0], arms.memory.tracks.shape[1]
-    return propose.after_projection(
-        arms.robot, arms.settings, memory.state[0], humans, feasible, left, arms.work, told
+def ask_again(arms, nominal, held):
+    """:func:`~jssa_gym.tick.propose.ask_again` of a single arm, if it can be: a jerk into ``arms.work.wanted``."""
+    return proposing.asked_again(arms.proposal)(arms, nominal[0], held, 0)
+
+
+@jit
+def foresee(arms):
+    """:func:`~jssa_gym.tick.propose.foresee` of a single arm."""
+    proposing.foresee(arms, 0)
+
+
+@jit
+def begin_rows(arms, nominal, first):
+    """What a filter says of a single arm before a projection that is not compiled: its first question, or another."""
+    told = arms.answer.told[0] if first else arms.work.told[0]
+    code = proposing.meet(arms.proposal)(arms.settings, arms.memory, arms.scene, arms.work, 0) if first else 0
+    if code == 0:
+        proposing.begin(arms.work, told)
+        code = proposing.proposed(arms.proposal)(
+            arms.robot, arms.settings, arms.proposal, arms.memory, nominal[0], arms.work, told, 0
+        )
+    return code
+
+
+@jit
+def after_projection(arms, nominal, feasible, left, first):
+    """What it says after it: a jerk in rows and box is in ``arms.work.wanted``, which leaves that much of the rows."""
+    told = arms.answer.told[0] if first else arms.work.told[0]
+    told["kept"], told["slack"] = feasible, left
+    return proposing.projected(arms.proposal)(
+        arms.robot, arms.settings, arms.proposal, arms.memory, nominal[0], arms.work, told, 0
     )  # fmt: skip
 
 
 @jit
-def name_status(arms, nominal, fault):
+def name_status(arms, nominal, code):
     """:func:`~jssa_gym.tick.propose.name_status` of a single arm."""
-    propose.name_status(arms.robot, nominal[0], fault, arms.work, arms.answer.told[0])
+    proposing.name_status(arms.robot, nominal[0], code, arms.work, arms.answer.told[0])
 
 
 @jit

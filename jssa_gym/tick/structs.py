@@ -97,7 +97,9 @@ class _ArmsStruct(structref.StructRefProxy):
 
 
 structref.define_boxing(_ArmsType, _ArmsStruct)
-structref.define_constructor(_ArmsStruct, _ArmsType, ["robot", "settings", "memory", "scene", "work", "answer"])
+structref.define_constructor(_ArmsStruct, _ArmsType, [
+    "robot", "settings", "proposal", "memory", "scene", "work", "answer",
+])  # fmt: skip
 
 
 class Arms(NamedTuple):
@@ -105,6 +107,7 @@ class Arms(NamedTuple):
 
     robot: ArmRecord
     settings: StepSettings
+    proposal: Any
     memory: Memory
     scene: SceneRecord
     work: Work
@@ -112,8 +115,8 @@ class Arms(NamedTuple):
 
 
 @jit
-def _pointer(robot, settings, memory, scene, work, answer):
-    return _ArmsStruct(
+def _pointers(robot, settings, memory, scene, work, answer):
+    return (
         _ArmRecordStruct(*robot),
         _SettingsStruct(*settings),
         _MemoryStruct(*memory),
@@ -123,11 +126,29 @@ def _pointer(robot, settings, memory, scene, work, answer):
     )
 
 
+@jit
+def _pointer(parts, proposal):
+    robot, settings, memory, scene, work, answer = parts
+    return _ArmsStruct(robot, settings, proposal, memory, scene, work, answer)
+
+
 def arms(
-    robot: ArmRecord, settings: StepSettings, memory: Memory, scene: SceneRecord, work: Work, answer: Answer
+    robot: ArmRecord,
+    settings: StepSettings,
+    proposal: Any,
+    memory: Memory,
+    scene: SceneRecord,
+    work: Work,
+    answer: Answer,
 ) -> Any:
-    """A pointer to the very arrays of these tuples, which it keeps alive."""
-    return (Arms if config.DISABLE_JIT else _pointer)(robot, settings, memory, scene, work, answer)
+    """A pointer to the very arrays of these tuples, which it keeps alive.
+
+    ``proposal`` are the parameters of whoever proposes, and their type says who that is: of what is below it is the
+    only one that is not of the same type for all filters, so that what they share is compiled once.
+    """
+    if config.DISABLE_JIT:
+        return Arms(robot, settings, proposal, memory, scene, work, answer)
+    return _pointer(_pointers(robot, settings, memory, scene, work, answer), proposal)
 
 
 @jit

@@ -120,6 +120,8 @@ def test_a_summary_by_hand():
         relaxed_rate=pytest.approx(1.0 / 6.0),
         backup_rate=0.0,
         fault_rate=0.0,
+        # 0 to 1, 1 to 0, 0 to 2, 2 to 0 in 3 s
+        status_switches=pytest.approx(4.0 / 3.0),
         phi_max=0.3,
         phi_violation_rate=0.6,
         forward_invariance_violations=2,
@@ -146,6 +148,10 @@ def test_a_summary_by_hand():
         tracking_error_end=None,
         # (5/10)² + (16/20)² + (9/10)² + (2/20)² over 12
         jerk_rms=pytest.approx(np.sqrt((0.25 + 0.64 + 0.81 + 0.01) / 12.0)),
+        # from 5 to -9 where 10 is the bound; nobody had asked for it
+        jerk_jumps=0.2,
+        jerk_jumps_nominal=0.0,
+        jerk_jumps_shield=0.2,
         speed_limit_ratio=0.75,
         acceleration_limit_ratio=0.0,
         jerk_limit_ratio=0.9,

@@ -185,7 +185,7 @@ def test_a_batch_wants_a_jerk_for_every_arm(nominal, robot):
 
 def test_no_part_has_more_than_eight_arguments():
     folder, many, count = Path(jssa_gym.__file__).parent / "tick", [], 0
-    for path in folder.glob("*.py"):
+    for path in folder.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.FunctionDef):
                 count += 1

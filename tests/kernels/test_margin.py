@@ -1,0 +1,196 @@
+"""The margin of a stop, and rows from a predicted miss, against arms and people moved by textbook formulas."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import reference as ref
+from numba import njit
+
+from jssa_gym.kernels.ahead import Foresight, predicted_rows
+from jssa_gym.kernels.margin import margin
+from jssa_gym.kernels.motion import integrate
+from jssa_gym.kernels.records import AGENT, PLANE, STOP, records
+from jssa_gym.kernels.rest import REST_SPEED
+from jssa_gym.kernels.stopping import plan_stop, stop_jerk
+from jssa_gym.kernels.verification import Around, StepAndStop
+from jssa_gym.safety.failsafe import levers
+from jssa_gym.tick import layout
+
+DT = 0.008
+FORESIGHT = Foresight(0.05, 0.05, 1.2, 0.04, 0.2, 0.15, 0.5)
+
+
+class Case(NamedTuple):
+    """An arm that takes a step and stops, and people."""
+
+    arm: layout.ArmRecord
+    motion: StepAndStop
+    ticks: int
+    people: np.ndarray
+    work: layout.Work
+
+
+def random_case(robot, rng, *, people=2, moves=True):
+    limits, n = robot.limits.bounds(), robot.n
+    state = np.zeros((3, n))
+    state[0] = rng.uniform(-1.5, 1.5, n)
+    if moves:
+        state[1], state[2] = rng.uniform(-0.6, 0.6, n) * limits[2], rng.uniform(-0.5, 0.5, n) * limits[3]
+    jerk = rng.uniform(-1.0, 1.0, n) * limits[4] * moves
+    after, plan, agents = np.zeros((3, n)), records(n, STOP), records(people, AGENT)
+    integrate(state, jerk, DT, after)
+    ticks = plan_stop(after, limits, DT, plan)
+    for agent in agents:
+        agent["start"] = rng.uniform([-1.2, -1.2, 0.0], [1.2, 1.2, 1.6])
+        agent["end"] = agent["start"] + rng.normal(size=3) * 0.2
+        agent["start_velocity"], agent["end_velocity"] = rng.normal(size=(2, 3)) * 0.6
+        agent["radius"] = rng.uniform(0.03, 0.15)
+    parts = (np.array(part) for part in (robot.links, robot.capsules, robot.self_pairs))
+    arm = layout.ArmRecord(*parts, levers(robot), limits)
+    work = layout.work(arm, people, 0, 0, static_rows=False)
+    return Case(arm, StepAndStop(state, jerk, after, plan, DT), ticks, agents, work)
+
+
+def posture(case, t):
+    """Joint positions and velocities of step and stop at the time t: whole ticks, then the rest."""
+    state, u, tick = case.motion.state, case.motion.jerk.copy(), 0
+    while t > DT:
+        state = np.array(ref.triple_integrator(*state, u, DT))
+        stop_jerk(case.motion.plan, tick, u)
+        tick, t = tick + 1, t - DT
+    return np.array(ref.triple_integrator(*state, u, t))
+
+
+def chain_of(robot):
+    return [
+        ref.Joint(np.array(link["rotation"]), np.array(link["offset"]), np.array(link["axis"])) for link in robot.links
+    ]
+
+
+def gap_of(robot, chain, q, i, agent, t=0.0):
+    """Distance of a robot capsule from somebody who goes on for the time t [m]."""
+    capsule = robot.capsules[i]
+    link = int(capsule["link"]) + 1
+    a, b = (ref.point(chain, q, link, capsule[end]) for end in ("start", "end"))
+    c, d = (agent[end] + t * agent[f"{end}_velocity"] for end in ("start", "end"))
+    return ref.segment_distance(a, b, c, d)[0] - capsule["radius"] - agent["radius"]
+
+
+def around_of(case, reach, growth, touch):
+    return Around(case.people, reach, growth, touch, records(0, AGENT), records(0, PLANE), 0.0)
+
+
+@njit
+def margin_of(arm, motion, ticks, around, work):
+    return margin(arm, motion, ticks, around, work)
+
+
+def test_the_margin_is_what_its_formula_says(robot):
+    rng, chain, seen = np.random.default_rng(0), chain_of(robot), []
+    for _ in range(25):
+        case = random_case(robot, rng)
+        reach, growth = rng.uniform(0.0, 0.1, 2), rng.uniform(0.5, 2.0, 2)
+        touch = np.array([0.0, rng.choice([0.0, 0.3])])
+        length, expected = DT * (case.ticks + 1), np.inf
+        for t in length * np.arange(6) / 6:
+            q, *_ = posture(case, t)
+            speeds = [np.abs(posture(case, later)[1]) for later in np.linspace(t, length, 60)]
+            fastest = np.max(speeds, axis=0)
+            for i, capsule in enumerate(robot.capsules):
+                link = int(capsule["link"]) + 1
+                spin = (case.arm.levers[i, :link] + capsule["radius"]) @ fastest[:link]
+                for k, agent in enumerate(case.people):
+                    if spin > max(touch[k], REST_SPEED):
+                        room = gap_of(robot, chain, q, i, agent) - reach[k]
+                        expected = min(expected, room - growth[k] * (t + DT + length / 6))
+        found = margin_of(case.arm, case.motion, case.ticks, around_of(case, reach, growth, touch), case.work)
+        seen.append(abs(found - expected))
+    # speeds that touch what may be touched to within the sampling can fall to either side
+    assert np.sort(seen)[-2] < 1e-6
+
+
+def test_the_margin_is_infinite_where_nothing_moves_and_where_nobody_is(robot):
+    rng = np.random.default_rng(1)
+    for people, moves in ((2, False), (0, True)):
+        case = random_case(robot, rng, people=people, moves=moves)
+        around = around_of(case, np.zeros(people), np.ones(people), np.zeros(people))
+        assert margin_of(case.arm, case.motion, case.ticks, around, case.work) == np.inf
+
+
+# ---- rows from a predicted miss ----------------------------------------------------------------------
+
+
+@njit
+def rows_of(arm, motion, people, foresight, work):
+    return predicted_rows(arm, motion, people, foresight, work)
+
+
+def first_jerk(x, v, a, T):
+    """Of the polynomial of fifth degree that goes from 0 at v and a to x, and is at rest there at T."""
+    times = np.array([[T**3, T**4, T**5], [3 * T**2, 4 * T**3, 5 * T**4], [6 * T, 12 * T**2, 20 * T**3]])
+    c3, _, _ = np.linalg.solve(times, [x - v * T - a * T**2 / 2, -v - a * T, -a])
+    return 6.0 * c3
+
+
+def predicted(robot, chain, case):
+    """Per pair the largest demand on the bounds, and its row, by finite differences; and the smallest gap."""
+    best, least = {}, np.inf
+    q0, v0, a0 = case.motion.state
+    for i in range(len(robot.capsules)):
+        for k, agent in enumerate(case.people):
+            for t in np.arange(31) * FORESIGHT.step:
+                q = posture(case, t)[0]
+                gap = gap_of(robot, chain, q, i, agent, t)
+                least = min(least, gap)
+                short = FORESIGHT.d_min + FORESIGHT.growth * t - gap
+                if short > FORESIGHT.deepest:
+                    break
+                if short <= 0.0:
+                    continue
+                row = np.zeros(robot.n)
+                for j in range(robot.n):
+                    step = 1e-6 * np.eye(robot.n)[j]
+                    row[j] = gap_of(robot, chain, q + step, i, agent, t) - gap_of(robot, chain, q - step, i, agent, t)
+                row /= 2e-6
+                T, authority = max(t, FORESIGHT.soonest), np.abs(row) @ case.arm.limits[4]
+                right = first_jerk(short + row @ (q - q0), row @ v0, row @ a0, T)
+                if authority >= FORESIGHT.authority and right / authority > best.get((i, k), (-np.inf,))[0]:
+                    best[i, k] = right / authority, right, row
+    return best, least
+
+
+def test_predicted_rows_are_those_of_the_quintic(robot):
+    rng, chain, rows, quiet = np.random.default_rng(2), chain_of(robot), 0, 0
+    for _ in range(40):
+        case = random_case(robot, rng, people=1)
+        case.people["start"] = rng.uniform([-0.7, -0.7, 0.5], [0.7, 0.7, 1.5])
+        case.people["end"] = case.people["start"] + [0.0, 0.0, 0.3]
+        expected, least = predicted(robot, chain, case)
+        count, found_least, *_ = rows_of(case.arm, case.motion, case.people, FORESIGHT, case.work)
+        assert count == len(expected)
+        if not count:
+            quiet += least > FORESIGHT.d_min
+            continue
+        rows += count
+        assert found_least <= least + 1e-9 or least > FORESIGHT.d_min
+        for r in range(count):
+            _, right, row = expected[divmod(int(case.work.owner[r]), 1)]
+            np.testing.assert_allclose(case.work.L[r], row, atol=2e-5)
+            assert case.work.S[r] == pytest.approx(right, rel=1e-3, abs=1e-2)
+    assert rows > 20
+    assert quiet > 3
+
+
+def test_who_passes_by_asks_for_nothing_and_who_comes_closer_does(robot):
+    """The index would answer to both: both come nearer as fast."""
+    case = random_case(robot, np.random.default_rng(3), people=1, moves=False)
+    case.motion.state[0] = case.motion.after[0] = robot.home
+    agent = case.people[0]
+    tip = ref.point(chain_of(robot), robot.home, robot.n, robot.capsules[-1]["end"])
+    agent["radius"] = 0.1
+    for aside, asks in ((0.6, False), (0.0, True)):
+        for end in ("start", "end"):
+            agent[end], agent[f"{end}_velocity"] = tip + [0.9, aside, 0.0], [-1.0, 0.0, 0.0]
+        count, *_ = rows_of(case.arm, case.motion, case.people, FORESIGHT, case.work)
+        assert (count > 0) == asks
