@@ -5,6 +5,7 @@ import numpy as np
 from jssa_gym.control.plan import Plan
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.override import along, propose
+from jssa_gym.kernels.rest import REST_JOINTS
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array
 from jssa_gym.validation import number_within
@@ -57,8 +58,9 @@ class Path:
         self.plan, self._played = plan, (plan.jerk, plan.states, plan.dt)
         self._override = number_within("pace", pace, 0.0, HURRY)
         self._bounds = limits.bounds()
+        self._limits, self._schedule = limits, schedule
         self._fastest = self._most(limits) if schedule else 1.0
-        begun = bool(np.any(plan.states[0, 1:]))
+        begun = bool(np.any(np.abs(plan.states[0, 1:]) > REST_JOINTS))
         # a plan from rest can begin at any pace, as nothing moves yet
         self._pace = np.array([0.0, 1.0 if begun else min(self._override, 1.0), 0.0])
         self._behind = 0.0
@@ -84,6 +86,14 @@ class Path:
                 (limits.jerk / jerk) ** (1 / 3),
             )
         return max(1.0, min(HURRY, *(float(bound.min()) for bound in bounds)))
+
+    def onto(self, plan: Plan, played: int) -> "Path":
+        """The same motion on a plan that is this one's from tick ``played`` on, and goes elsewhere later."""
+        path = Path(plan, self._limits, pace=self._override, schedule=self._schedule)
+        path._pace[:] = self._pace
+        path._pace[0] -= played * plan.dt
+        path._behind, path.margin = self._behind, self.margin
+        return path
 
     @property
     def override(self) -> float:

@@ -7,9 +7,12 @@ derivatives by path time :math:`q', q'', q'''` the joints move by
           \dddot q = q''' \dot s^3 + 3 q'' \dot s \ddot s + q' \dddot s .
 """
 
+import numpy as np
+
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import advance
-from jssa_gym.kernels.vector import copy_rows
+from jssa_gym.kernels.rest import REST_JOINTS
+from jssa_gym.kernels.vector import copy, copy_rows
 from jssa_gym.kernels.viability import recoverable
 
 PULL = 10.0
@@ -29,6 +32,9 @@ AHEAD = 64
 
 SETTLED = 1e-3
 """A pace this near to the one that is wished for, with an acceleration as small, has got there [1, 1/s]."""
+
+ALIKE = 1e-7
+"""Two paces that differ by less are one [1, 1/s]."""
 
 ROUNDING = 1e-9
 """Share of a limit that rounding may cost."""
@@ -181,6 +187,15 @@ def track(plan, pace, following, state, bounds, point, out):
 
 
 @jit
+def _still(point):
+    """Whether nothing moves at a point of a path, whatever the pace."""
+    most = 0.0
+    for i in range(point.shape[1]):
+        most = max(most, abs(point[1, i]), abs(point[2, i]))
+    return most <= REST_JOINTS
+
+
+@jit
 def propose(plan, pace, wishes, state, bounds, point, out):
     """Jerks for paces that are wished for, in their order, without those that limits forbid and those that are alike.
 
@@ -199,18 +214,23 @@ def propose(plan, pace, wishes, state, bounds, point, out):
     """
     offered, paces, numbers = out
     tau, count = plan[2], 0
+    ended = pace[0] >= plan[0].shape[0] * tau
+    begun = np.empty(3)
     for m in range(wishes.shape[0]):
         along(plan, pace[0], point[0])
-        a, j = room(point[0], pace[1], pace[2], bounds, wishes[m, 1], wishes[m, 2])
+        copy(pace, begun)
+        if _still(point[0]):  # the plan begins at rest: any pace will do, at once
+            begun[1], begun[2] = wishes[m, 0], 0.0
+        a, j = room(point[0], begun[1], begun[2], bounds, wishes[m, 1], wishes[m, 2])
         following = paces[count]
-        following[0], following[1], following[2] = next_pace(pace[0], pace[1], pace[2], wishes[m, 0], a, j, tau)
-        known = count > 0 and pace[0] >= plan[0].shape[0] * tau  # at its end every pace is the same
+        following[0], following[1], following[2] = next_pace(begun[0], begun[1], begun[2], wishes[m, 0], a, j, tau)
+        known = ended and count > 0
         for other in range(count):
-            if abs(paces[other, 1] - following[1]) < 1e-9 and abs(paces[other, 2] - following[2]) < 1e-7:
+            if abs(paces[other, 1] - following[1]) < ALIKE and abs(paces[other, 2] - following[2]) < ALIKE:
                 known = True
-        if known or not pace_keeps(plan, pace, wishes[m], bounds, point):
+        if known or not pace_keeps(plan, begun, wishes[m], bounds, point):
             continue
-        if track(plan, pace, following, state, bounds, point, offered[count]):
+        if track(plan, begun, following, state, bounds, point, offered[count]):
             numbers[count] = m
             count += 1
     return count
