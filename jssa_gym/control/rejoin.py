@@ -1,11 +1,12 @@
 """The way back to a path that something else has taken the arm off, ahead of where it was and without a stop."""
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from jssa_gym.control.least_jerk import FEWEST, corrected, equalities
+from jssa_gym.control.least_jerk import FEWEST
 from jssa_gym.control.plan import Plan
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array
@@ -89,4 +90,18 @@ def _joining(state: Array, target: Array, ticks: int, dt: float) -> Array:
     unit = np.array([1.0, dt, dt**2])[:, None]
     (q, v, a), (end_q, end_v, end_a) = state * unit, target * unit
     right = np.array([end_q - (q + ticks * v + ticks**2 / 2.0 * a), end_v - (v + ticks * a), end_a - a])
-    return corrected(equalities((ticks,)), right, np.zeros((ticks, len(q)))) / dt**3
+    effect, inverse = _least_norm(ticks)
+    jerk = inverse @ right
+    return (jerk + inverse @ (right - effect @ jerk)) / dt**3  # once more for the digits that were lost
+
+
+@functools.lru_cache(maxsize=64)
+def _least_norm(ticks: int) -> tuple[Array, Array]:
+    """What jerks (H,) do to position, speed and acceleration at the end, in ticks, shape (3, H); and the inverse (H, 3).
+
+    The jerks of least norm are a combination of the three rows, so a parabola over the ticks.
+    """
+    left = ticks - 1.0 - np.arange(ticks)
+    effect = np.array([1.0 / 6.0 + left / 2.0 + left**2 / 2.0, 0.5 + left, np.ones(ticks)])
+    parabolas = np.vander((left + 0.5) / ticks - 0.5, 3)
+    return effect, parabolas @ np.linalg.inv(effect @ parabolas)
