@@ -7,17 +7,22 @@ Several folders are one table; none may repeat a cell of another. The first filt
 with every other one in every cell (task, people, policy) on the same seeds: "behind" means that the 95 % interval of
 the paired difference excludes 0 to its disadvantage. Many cells and thirteen rivals make some by chance. A cell counts
 only where ours and every rival have the same seeds. Success without contact is success in an episode in which nobody
-was touched, by an arm at rest neither. --rivals names those that count; by default all.
+was touched, by an arm at rest neither. How the arm moves and how long it takes is told of episodes that have these
+columns; folders of older versions have not. --rivals names those that count; by default all.
 """
 
 import argparse
 import csv
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.leaderboard import UNFILTERED
+from jssa_gym.evaluation.slowdown import Slowdown
 from jssa_gym.evaluation.statistics import Rate, paired_difference, short
 
 Cell = tuple[str, str, str]
@@ -29,6 +34,15 @@ ASKED = {"moving contact": -1, "success without contact": 1}
 
 YES_OR_NO = {"1": True, "True": True, "0": False, "False": False}
 """What else stands in a file is an error, not a no."""
+
+
+MOTION = {
+    "jerk_jumps_shield": ("steps with a jump of the jerk by the shield", 100.0, " %"),
+    "jerk_jumps_nominal": ("by the policy", 100.0, " %"),
+    "status_switches": ("status switches", 1.0, " /s"),
+    "jerk_rms": ("RMS jerk, of its bound", 100.0, " %"),
+}
+"""How an arm moves: columns, what they are called, and their scale and unit there."""
 
 
 def read(folders: Sequence[Path]) -> Episodes:
@@ -53,6 +67,7 @@ def read(folders: Sequence[Path]) -> Episodes:
                 "success without contact": success and not contact,
                 "limit violation": not float(row["limit_violation_rate"]) <= 0.0,
                 "contact speed": float(row["contact_speed"]),
+                **{name: float(row.get(name) or "nan") for name in (*MOTION, "time_to_goal")},
             }
     return found
 
@@ -112,6 +127,40 @@ def moving(found: Episodes, filters: Sequence[str], policies: Sequence[str]) -> 
             some = some or bool(hits)
         if some:
             print(f"| {' | '.join(line)} |")
+
+
+def motion(found: Episodes, filters: Sequence[str], policies: Sequence[str]) -> None:
+    """One line a filter, over the episodes of the policies that want to succeed: how the arm moves, how long it takes.
+
+    Times are of the tasks that have a way to go, not of Home; they are compared with no filter on the same episodes.
+    """
+    wanted = {key: cell for key, cell in found.items() if key[2] in policies}
+    timed = [cell for key, cell in wanted.items() if key[0] not in TASKS or TASKS[key[0]].ends]
+    titles = [title for title, *_ in MOTION.values()]
+    told = [*titles, "median time to the goal", f"its ratio to `{UNFILTERED}`, and goals lost"]
+    print(f"\n| filter, of `{'`, `'.join(policies)}` | {' | '.join(told)} |\n|---|{'---|' * len(told)}")
+    for name in filters:
+        line = []
+        for metric, (_, scale, unit) in MOTION.items():
+            known = values(wanted.values(), name, metric)
+            known = known[~np.isnan(known)]
+            line.append(f"{short(scale * float(known.mean()))}{unit}" if len(known) else "-")
+        times = values(timed, name, "time_to_goal")
+        there = ~np.isnan(times)
+        line.append(f"{short(float(np.median(times[there])))} s" if there.any() else "-")
+        line.append(cost(timed, name) if name != UNFILTERED and UNFILTERED in filters else "-")
+        print(f"| `{name}` | {' | '.join(line)} |")
+
+
+def cost(cells: Sequence[dict[str, dict[int, dict[str, float]]]], name: str) -> str:
+    """What a filter costs in time, goal by goal."""
+    found = Slowdown.of(*(values(cells, who, of) for who in (name, UNFILTERED) for of in ("time_to_goal", "success")))
+    return "-" if found is None else found.brief
+
+
+def values(cells: Iterable[dict[str, dict[int, dict[str, float]]]], name: str, metric: str) -> NDArray[np.float64]:
+    """A metric of a filter in all cells' episodes, in the order of cells and seeds."""
+    return np.array([cell[name][seed][metric] for cell in cells for seed in sorted(cell[name])], float)
 
 
 def by_cell(found: Episodes, filters: Sequence[str], name: str, policy: str) -> None:
@@ -197,6 +246,7 @@ def main() -> None:
         parser.error("no cell in which all filters have the same seeds")
     overview(found, filters, args.purposeful)
     moving(found, filters, policies)
+    motion(found, filters, args.purposeful)
     for policy in policies:
         by_cell(found, filters, "success without contact", policy)
         by_cell(found, filters, "moving contact", policy)

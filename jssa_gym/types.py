@@ -123,15 +123,15 @@ class Decision(NamedTuple):
     """Largest violation of the rows by ``jerk`` [m²]."""
     rows: int
     """Number of rows that reached the projector."""
-    margin: float = math.nan
+    margin: float = math.inf
     """Room that the stop behind the nominal leaves to the people [m], below 0 where they could be met; inf where
-    nothing would move, NaN without a verified stop or on a fault."""
+    nothing would move and without a verified stop, NaN on a fault."""
     kind: Kind = "nominal"
     """What is applied."""
     choice: int = -1
     """Which alternative of the planner's is applied, which ``nominal`` then is; -1 for none."""
-    override: float = math.nan
-    """Pace along its path that the planner asked for, 1 for its own; NaN without a path."""
+    override: float = 1.0
+    """Pace along its path that the planner asked for; 1 for its own, and without a path."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -52,7 +52,8 @@ def _records(n: int, limits, dt: float, tolerance, position_error: float, max_ag
     arm = layout.ArmRecord(records(n, LINK), records(0, CAPSULE), np.zeros((0, 2), np.int64), np.zeros((0, n)), limits)
     settings = layout.StepSettings(
         dt=dt, guarded=True, viability=False, static_rows=False, diagonal=True, weight=np.ones(n), inverse=np.eye(n),
-        stop_limits=limits, tolerance=tolerance, position_error=position_error, max_age=max_age, lag=0.0, astray=0.0,
+        stop_limits=limits, hardness=np.ones(1), soft_limits=np.array(limits)[None],
+        tolerance=tolerance, position_error=position_error, max_age=max_age, lag=0.0, astray=0.0,
     )  # fmt: skip
     return Records(arm, settings, Nothing())
 
@@ -188,7 +189,7 @@ def _forget_people(arms):
 
 @njit
 def _keeps_safe(arms, jerk):
-    return admit.keeps_safe(arms.robot, arms.settings, arms.memory, jerk, arms.work, 0)
+    return admit.keeps_safe(arms.robot, arms.settings, arms.memory, jerk, 0, arms.work, 0)
 
 
 def stored(filter):

@@ -116,7 +116,7 @@ class Demo:
 def paper_scene(speed: float) -> HumanMotion:
     """The human of the paper's Fig. 5, with nothing left to chance: up to 0.68 m in front of the base axis.
 
-    The velocity changes at once: the hardest case for a filter, and the one that the documents' figures were played with.
+    The velocity changes at once: the hardest case for a filter, and the one of the documents' figures.
     """
     return ApproachRetreat(
         start=2.2,

@@ -7,7 +7,7 @@ import tyro
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS, PEOPLE
 from jssa_gym.policies import POLICIES, shipped_policies
-from jssa_gym.shields import FILTERS, STOP, TASK_SHIELD
+from jssa_gym.shields import FILTERS, PROFILES, STOP, TASK_SHIELD
 
 
 def _says(text: str, names: Iterable[str]) -> object:
@@ -16,8 +16,8 @@ def _says(text: str, names: Iterable[str]) -> object:
 
 TASK = _says("Task of the environment by name", TASKS)
 FILTER = _says(
-    f"Filter by name, with {STOP} behind it inside the viability box and the verified stop; {TASK_SHIELD} for the "
-    "shield of the task's shielded id",
+    f"Filter by name, with {STOP} behind it inside the viability box and the verified stop; {', '.join(PROFILES)} for "
+    f"a whole shield; {TASK_SHIELD} for that of the task's shielded id",
     FILTERS,
 )
 HUMAN = _says("People by name", PEOPLE)

@@ -26,6 +26,7 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.offers import Offered
+from jssa_gym.shields.registry import PROFILES, WHOLE
 from jssa_gym.tick import loop
 from jssa_gym.tick.admit import GRADED, HALFWAY, WANTED
 from jssa_gym.tick.layout import StepSettings
@@ -162,7 +163,7 @@ class Contender:
 def _named(name: str) -> Contender:
     """The shield of a filter's name, whose verified stop knows what may be assumed; it promises what the stop does."""
     bare, stop = read_name(name)
-    stop = stop or bare == "stop"
+    stop = stop or bare in WHOLE
     return Contender(lambda env, params: Shield(env, name, stop=params if stop else False), promises=stop)
 
 
@@ -231,7 +232,11 @@ is a filter that keeps the jerk bounds and brakes for a fault. Filters under the
 
 def contender_names() -> tuple[str, ...]:
     """All that :func:`contender` takes."""
-    return (*CONTENDERS, *(name + end for end in ("", STOP) for name in FILTERS if name + end not in CONTENDERS))
+    return (
+        *CONTENDERS,
+        *PROFILES,
+        *(name + end for end in ("", STOP) for name in FILTERS if name + end not in CONTENDERS),
+    )
 
 
 def contender(name: str) -> Contender:

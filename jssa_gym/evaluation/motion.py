@@ -42,4 +42,4 @@ def jerk_jumps(applied: Array, nominal: Array, bound: Array) -> JerkJumps:
 
 def _jumps(jerk: Array, bound: Array) -> NDArray[np.bool_]:
     """Whether some joint's jerk jumps, from the second step on, shape (max(T - 1, 0),)."""
-    return (np.abs(np.diff(jerk, axis=0)) > bound * (1.0 + _ROUNDING)).any(axis=1)
+    return np.any(np.abs(np.diff(jerk, axis=0)) > bound * (1.0 + _ROUNDING), axis=1)

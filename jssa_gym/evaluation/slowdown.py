@@ -33,11 +33,11 @@ class Slowdown:
             None if no goal was reached there: there is no time to compare with.
         """
         # who was there once and did not stay, where staying is the task, has not reached it
-        success, reached = success > 0.0, reached > 0.0
-        if not reached.any():
+        done, could = success > 0.0, reached > 0.0
+        if not could.any():
             return None
-        ratio = np.where(reached & success, here / there, np.nan)
-        return cls(means(ratio[:, None])[0], Rate.of(int((reached & ~success).sum()), int(reached.sum())))
+        ratio = np.where(could & done, here / there, np.nan)
+        return cls(means(ratio[:, None])[0], Rate.of(int((could & ~done).sum()), int(could.sum())))
 
     @property
     def brief(self) -> str:

@@ -1,8 +1,8 @@
 r"""Rows from a predicted miss: what the arm has to do now in order to be out of somebody's way by then.
 
-Where the rows of a safety index ask for what the *next* step needs, these look ahead: the arm takes its nominal step and
-stops, people go on as they do, and only a pair that would come too close asks for anything, as softly as the time that
-is left allows.
+Where the rows of a safety index ask for what the *next* step needs, these look ahead: the arm takes its nominal step
+and stops, people go on as they do, and only a pair that would come too close asks for anything, as softly as the time
+that is left allows.
 """
 
 from typing import NamedTuple

@@ -47,8 +47,8 @@ class Delivery:
 
 
 def recipient() -> HumanMotion:
-    """The person of the paper's Fig. 9: the hand is held low, then raised and moved towards the arm, at once at its speed
-    as it is in the figures.
+    """The person of the paper's Fig. 9: the hand is held low, then raised and moved towards the arm, at once at its
+    speed, as it is in the figures.
     """
     fixed = {
         "front": 1.3,

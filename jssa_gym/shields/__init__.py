@@ -13,11 +13,12 @@ from jssa_gym.shields.energy import CBFFilter, CBFParams, SSAFilter, SSAParams, 
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.options import JSSAOptions
-from jssa_gym.shields.registry import FILTERS, STOP, TASK_SHIELD, Build, FilterName, make_filter, read_name
+from jssa_gym.shields.registry import FILTERS, PROFILES, STOP, TASK_SHIELD, Build, FilterName, make_filter, read_name
 from jssa_gym.shields.shield import JSSAShield, Shield
 
 __all__ = [
     "FILTERS",
+    "PROFILES",
     "STOP",
     "TASK_SHIELD",
     "Build",

@@ -32,7 +32,7 @@ class AheadParams:
     soonest: float = 0.2
     """No row asks the arm to be out of the way sooner [s]: the shorter, the harder it evades."""
     deepest: float = 0.15
-    """Pairs that will be closer than wanted by more than this make no rows [m]: inside a body its normal says nothing."""
+    """Pairs closer than wanted by more than this make no rows [m]: inside a body its normal says nothing."""
     min_authority: float = 0.5
     """Pairs that the jerk bounds move by less make no rows [m/s³]."""
 
@@ -42,7 +42,9 @@ class AheadParams:
         for name in ("growth", "min_authority"):
             object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
         if self.horizon > _MOST_MOMENTS * self.step:
-            raise ParameterError(f"a horizon of {self.horizon:g} s has more than {_MOST_MOMENTS} steps of {self.step:g} s")
+            raise ParameterError(
+                f"a horizon of {self.horizon:g} s has more than {_MOST_MOMENTS} steps of {self.step:g} s"
+            )
 
 
 class AheadFilter(SafetyFilter):

@@ -119,7 +119,8 @@ class SafetyFilter:
     @property
     def proposal(self) -> Any:
         """Parameters of what proposes in the compiled step: their type, in :data:`~jssa_gym.tick.propose.KINDS`, says
-        what that is. ``Foreign()``: :meth:`respond` does."""
+        what that is. ``Foreign()``: :meth:`respond` does.
+        """
         return Foreign()
 
     def respond(self, tick: Tick) -> Decision:
@@ -132,7 +133,7 @@ class SafetyFilter:
             raise NotImplementedError(f"{type(self).__name__} answers to nothing")
         view = self.records.view
         loop.propose(view.arms, view.nominal)
-        return self._told(tick)
+        return self._proposed(tick)
 
     def amend(self, tick: Tick, decision: Decision, held: int, halt: Array) -> Array:
         """The jerk to apply if the first ``held`` joints have to go on with the stored stop's, ``halt`` (n,)."""
@@ -149,7 +150,7 @@ class SafetyFilter:
         told = Told(*self.records.view.told.item())
         return told.phi, told.distance, (told.row, told.column)
 
-    def _told(self, tick: Tick, note: str = "") -> Decision:
+    def _proposed(self, tick: Tick, note: str = "") -> Decision:
         """The compiled step's proposal as a decision; ``note`` goes behind its reason."""
         told = Told(*self.records.view.told.item())
         if told.status == Status.FAULT:

@@ -118,7 +118,7 @@ class JSSAFilter(SafetyFilter):
         code, note = self._solve(tick, True)
         view = self.records.view
         loop.name_status(view.arms, view.nominal, code)
-        return self._told(tick, note)
+        return self._proposed(tick, note)
 
     def amend(self, tick: Tick, decision: Decision, held: int, halt: Array) -> Array:
         """Projected once more, in a box that leaves the held joints no choice."""

@@ -1,7 +1,6 @@
 """What a planner offers a shield beside its nominal: jerks in order of preference, taken so that nothing can fail."""
 
 import logging
-import math
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -59,12 +58,12 @@ def alternatives_of(offered: Offered, state: Array, margin: float, out: NDArray)
 
 
 def tell(offered: Offered, choice: int) -> float:
-    """Tell the planner what was chosen; the pace that it had asked for, NaN where nobody knows."""
+    """Tell the planner what was chosen; the pace that it had asked for, 1 where nobody knows."""
     if isinstance(offered, np.ndarray):
-        return math.nan
+        return 1.0
     try:
         offered.took(choice)
         return float(offered.override)
     except Exception:  # as above
         _logger.exception("a path failed when it was told what was chosen")
-        return math.nan
+        return 1.0

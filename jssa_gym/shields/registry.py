@@ -8,7 +8,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import NEAR, PUBLISHED, IndexParams
-from jssa_gym.shields.ahead import AheadFilter
+from jssa_gym.shields.ahead import AheadFilter, AheadParams
 from jssa_gym.shields.baselines import NoFilter, StopFilter
 from jssa_gym.shields.closed_form import PFMFilter, SMAFilter, SSMFilter
 from jssa_gym.shields.energy import CBFFilter, SSAFilter, SSSFilter
@@ -57,6 +57,24 @@ def _jssa_near(
     return JSSAFilter(robot, dt, NEAR if params is None else params, viability=viability, failsafe=failsafe)
 
 
+PROFILES: dict[str, AheadParams] = {"work": AheadParams(horizon=0.7), "yield": AheadParams(horizon=1.2)}
+"""Whole shields by what they are for: ``work`` gets most done and may be touched, at rest; ``yield`` is hardly ever
+touched. They look ahead and give way gradually, and are never without viability box and verified stop."""
+
+
+def _profile(name: str) -> Build:
+    def build(
+        robot: RobotModel, dt: float, params: Any = None, /, *, viability: bool = True, failsafe: Any = None
+    ) -> SafetyFilter:
+        """A profile's look-ahead filter, whole."""
+        assumed = replace(FailsafeParams() if failsafe is None else failsafe, graded=True)
+        return AheadFilter(
+            robot, dt, PROFILES[name] if params is None else params, viability=True, failsafe=assumed
+        )  # fmt: skip
+
+    return build
+
+
 FILTERS: dict[str, Build] = {
     "jssa": JSSAFilter,
     "jssa_near": _jssa_near,
@@ -73,6 +91,9 @@ FILTERS: dict[str, Build] = {
 }
 """Filters by name, built for a robot and a time step."""
 
+WHOLE = frozenset({"stop", *PROFILES})
+"""What is never without a verified stop, whatever else its name says."""
+
 
 class FilterName(NamedTuple):
     """What the name of a filter says."""
@@ -88,16 +109,16 @@ def read_name(name: str) -> FilterName:
 
     Args:
         name: ``"jssa"``, of :data:`FILTERS`, for the bare filter; ``"jssa+stop"``, with :data:`STOP` behind it, for the
-            same inside viability box and verified stop; :data:`TASK_SHIELD`.
+            same inside viability box and verified stop; one of :data:`PROFILES`; :data:`TASK_SHIELD`.
 
     Raises:
         ParameterError: There is no such filter; the message lists those there are.
     """
-    if name == TASK_SHIELD:
+    if name == TASK_SHIELD or name in PROFILES:
         return FilterName(name, True)
     bare = name.removesuffix(STOP) if isinstance(name, str) else ""
     if bare not in FILTERS:
-        valid = f"{', '.join(FILTERS)}, each also with '{STOP}' behind it, and {TASK_SHIELD}"
+        valid = f"{', '.join(FILTERS)}, each also with '{STOP}' behind it, {', '.join(PROFILES)} and {TASK_SHIELD}"
         raise ParameterError(f"unknown filter {name!r}; valid: {valid}")
     return FilterName(bare, bare != name)
 
@@ -129,6 +150,8 @@ def make_filter(
     bare, stop = read_name(name)
     if bare == TASK_SHIELD:
         raise ParameterError(f"{name!r} depends on the environment's task: Shield(env, {name!r})")
+    if bare in PROFILES:
+        return _profile(bare)(robot, dt, params, failsafe=failsafe)
     if index is not None and params is not None:
         raise ParameterError("index and params are two words for the same: give one of them")
     if stop:

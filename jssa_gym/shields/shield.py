@@ -3,7 +3,7 @@
 import copy
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, Literal, Self
 
 import gymnasium as gym
@@ -16,17 +16,21 @@ from jssa_gym.registration import ENTRIES
 from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
+from jssa_gym.shields.ahead import AheadFilter
 from jssa_gym.shields.environment import provider, refuse_misfit, robot_and_dt
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.offers import Offered
 from jssa_gym.shields.options import JSSAOptions
 from jssa_gym.shields.reasons import reason_code
-from jssa_gym.shields.registry import PUBLISHED_FORM, TASK_SHIELD, changed_params, make_filter, read_name
+from jssa_gym.shields.registry import PROFILES, PUBLISHED_FORM, TASK_SHIELD, changed_params, make_filter, read_name
 from jssa_gym.shields.wrappers import refuse_other_actions
 from jssa_gym.types import Decision, Scene, Status
+from jssa_gym.validation import known_name
 
 _logger = logging.getLogger("jssa_gym")
+
+_LAMBDAS = DEFAULT.lambda1, DEFAULT.lambda2
 
 _CORRECTION = 1e-6
 """Correction, in jerk bounds, from which a step counts as an intervention."""
@@ -180,9 +184,10 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         fraction = checked_action(action, self._n)
         nominal = np.empty(self._n)
         scale_nominal(fraction, self._jerk_bound, nominal)
-        offered, self._offered = self._offered, None
+        offer = () if self._offered is None else (self._offered,)
+        self._offered = None
         scene = self._scene()
-        decision = self.filter.decide(scene, nominal) if offered is None else self.filter.decide(scene, nominal, offered)
+        decision = self.filter.decide(scene, nominal, *offer)
         self.last_decision = decision
         correction = 0.0
         if decision.status != Status.NOMINAL or decision.choice >= 0:
@@ -218,6 +223,9 @@ class JSSAShield(Shield):
 
     Args:
         env: The environment; see :class:`Shield` for what it has to offer.
+        profile: ``"paper"`` for JSSA; ``"work"`` for a look-ahead filter that gets most done and may be touched, at
+            rest; ``"yield"`` for one that is hardly ever touched; see :data:`~jssa_gym.shields.registry.PROFILES`.
+        horizon: How far those two look ahead [s], None for their own.
         lambda1: :math:`\lambda_1` [m·s].
         lambda2: :math:`\lambda_2` [m·s²].
         d_min: Safety margin :math:`d_{min}` [m].
@@ -239,6 +247,8 @@ class JSSAShield(Shield):
         self,
         env: gym.Env,
         *,
+        profile: Literal["paper", "work", "yield"] = "paper",
+        horizon: float | None = None,
         lambda1: float = DEFAULT.lambda1,
         lambda2: float = DEFAULT.lambda2,
         d_min: float = DEFAULT.d_min,
@@ -256,10 +266,13 @@ class JSSAShield(Shield):
         options = JSSAOptions.of(
             options, gradient=gradient, projector=projector, weight=weight, static_rows=static_rows, sliding=sliding
         )
+        given = failsafe
         if isinstance(failsafe, Mapping):
             failsafe = FailsafeParams.of(failsafe)
         gym.utils.RecordConstructorArgs.__init__(
             self,
+            profile=profile,
+            horizon=horizon,
             lambda1=lambda1,
             lambda2=lambda2,
             d_min=d_min,
@@ -269,6 +282,25 @@ class JSSAShield(Shield):
             failsafe=asdict(failsafe) if isinstance(failsafe, FailsafeParams) else failsafe,
             options=asdict(options),
         )
+        known_name("profile", profile, ("paper", *PROFILES))
+        own = (lambda1, lambda2, rows, recovery, options) == (*_LAMBDAS, "all", 0.5, JSSAOptions())
+        if (profile == "paper" and horizon is not None) or (profile != "paper" and not own):
+            raise ParameterError(
+                f"profile {profile!r} does not take that: lambda1, lambda2, rows, recovery and options are of 'paper', "
+                "horizon is of the others"
+            )
+        if profile != "paper":
+            # a mapping says what differs from the profile's own
+            graded = failsafe is True or (isinstance(given, Mapping) and "graded" not in given)
+            assumed = _assumptions("failsafe", failsafe)
+            if graded and assumed is not None:
+                assumed = replace(assumed, graded=True)
+            params = replace(PROFILES[profile], d_min=d_min)
+            if horizon is not None:
+                params = replace(params, horizon=horizon)
+            filter = AheadFilter(*robot_and_dt(env), params, viability=viability, failsafe=assumed)
+            super().__init__(env, filter)
+            return
         assumed = _assumptions("failsafe", failsafe)
         index = IndexParams(d_min=d_min, lambda1=lambda1, lambda2=lambda2, sliding=options.sliding)
         robot, dt = robot_and_dt(env)

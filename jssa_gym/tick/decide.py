@@ -99,7 +99,7 @@ def prepare(robot, settings, memory, scene, nominal, work, answer, e):
 
 @jit
 def take_alternative(arms, nominal, e):
-    """Apply the first of a planner's alternatives that is sound, left alone by the filter and followed by a verified stop.
+    """Apply the first of a planner's alternatives that the filter would leave alone and that a verified stop follows.
 
     Returns:
         Whether there is one; if not, nothing is decided and ``work.clipped`` is the nominal again.
@@ -196,7 +196,7 @@ def _clear(told):
     told["unverified"], told["persistent"], told["inside"], told["fresh"] = False, False, False, False
     told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
     told["row"], told["column"], told["rows"] = -1, -1, 0
-    told["margin"], told["choice"] = np.nan, -1
+    told["margin"], told["choice"] = np.inf, -1
 
 
 @part

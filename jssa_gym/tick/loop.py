@@ -52,7 +52,7 @@ def propose(arms, nominal):
 @jit
 def ask_again(arms, nominal, held):
     """:func:`~jssa_gym.tick.propose.ask_again` of a single arm, if it can be: a jerk into ``arms.work.wanted``."""
-    return proposing.asked_again(arms.proposal)(arms, nominal[0], held, 0)
+    return proposing.ask_again(arms, nominal[0], held, 0)
 
 
 @jit

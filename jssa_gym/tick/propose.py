@@ -75,42 +75,29 @@ def _of_kind(choose: Callable[[Kind], Callable]) -> Any:
 
 
 @jit
-def project_while_asked(robot, settings, proposal, memory, nominal, work, told, e):
-    """Let a filter make rows, and project the nominal onto them, until it is content; what became of them."""
-    stage = proposed(proposal)(robot, settings, proposal, memory, nominal, work, told, e)
-    while stage == PROJECT:
-        told["kept"], told["slack"] = project(settings, nominal, told["rows"], work.lower, work.upper, work)
-        stage = projected(proposal)(robot, settings, proposal, memory, nominal, work, told, e)
-    return stage
+def no_rows(settings, nominal, count, lower, upper, work):
+    """In place of a projection, where there are never any rows."""
+    return True, 0.0
 
 
 @jit
-def ask_again(arms, nominal, held, e):
-    """Ask once more, in a box that leaves the first ``held`` joints no choice; whether there is an answer."""
-    work, box, halt = arms.work, arms.work.spare, arms.work.halt
-    copy(work.lower, box[0])
-    copy(work.upper, box[1])
-    for j in range(held):
-        work.lower[j] = work.upper[j] = halt[j]
-    clip_to_box(nominal, work)
-    code = solve(arms, nominal, work.told[0], e)
-    copy(box[0], work.lower)
-    copy(box[1], work.upper)
-    return code // 100 != codes.FAULT
+def yes():
+    """It is asked again."""
+    return True
 
 
 @jit
-def ask_nobody(arms, nominal, held, e):
-    """The other joints do what was proposed."""
+def no():
+    """It is not."""
     return False
 
 
 meet = _of_kind(lambda kind: kind.meet)
 proposed = _of_kind(lambda kind: kind.propose)
-projected = _of_kind(lambda kind: kind.projected)
+projected = _of_kind(lambda kind: kind.projected or kind.propose)
+onto_rows = _of_kind(lambda kind: project if kind.projected else no_rows)
 foreseen = _of_kind(lambda kind: kind.foresee)
-solved = _of_kind(lambda kind: project_while_asked if kind.projected else kind.propose)
-asked_again = _of_kind(lambda kind: ask_again if kind.again else ask_nobody)
+asks_again = _of_kind(lambda kind: yes if kind.again else no)
 
 
 @jit
@@ -123,10 +110,15 @@ def begin(work, told):
 @part
 def solve(arms, nominal, told, e):
     """A jerk into ``work.wanted``; why it is not the clipped nominal, or what failed, as a code."""
-    begin(arms.work, told)
-    return solved(arms.proposal)(
-        arms.robot, arms.settings, arms.proposal, arms.memory, nominal, arms.work, told, e
-    )  # fmt: skip
+    robot, settings, proposal, memory, work = arms.robot, arms.settings, arms.proposal, arms.memory, arms.work
+    begin(work, told)
+    stage = proposed(proposal)(robot, settings, proposal, memory, nominal, work, told, e)
+    while stage == PROJECT:
+        told["kept"], told["slack"] = onto_rows(proposal)(
+            settings, nominal, told["rows"], work.lower, work.upper, work
+        )  # fmt: skip
+        stage = projected(proposal)(robot, settings, proposal, memory, nominal, work, told, e)
+    return stage
 
 
 @part
@@ -176,9 +168,26 @@ def of_clipping(robot, nominal, work):
 
 
 @part
+def ask_again(arms, nominal, held, e):
+    """Ask once more, in a box that leaves the first ``held`` joints no choice; whether that gave another jerk."""
+    work, box, halt = arms.work, arms.work.spare, arms.work.halt
+    if not asks_again(arms.proposal)():
+        return False
+    copy(work.lower, box[0])
+    copy(work.upper, box[1])
+    for j in range(held):
+        work.lower[j] = work.upper[j] = halt[j]
+    clip_to_box(nominal, work)
+    code = solve(arms, nominal, work.told[0], e)
+    copy(box[0], work.lower)
+    copy(box[1], work.upper)
+    return code // 100 != codes.FAULT
+
+
+@part
 def propose_held(arms, nominal, held, e):
     """Another jerk, into ``work.wanted``, if the first ``held`` joints have to go on with the stored stop's."""
-    if not asked_again(arms.proposal)(arms, nominal, held, e):
+    if not ask_again(arms, nominal, held, e):
         copy(arms.answer.jerk[e], arms.work.wanted)
         for j in range(held):
             arms.work.wanted[j] = arms.work.halt[j]

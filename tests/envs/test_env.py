@@ -49,6 +49,10 @@ SHIELD_INFO = {
     "shield/robot_pair": int,
     "shield/human_pair": int,
     "shield/slack": float,
+    "shield/margin": float,
+    "shield/kind": str,
+    "shield/choice": int,
+    "shield/override": float,
 }
 
 

@@ -11,7 +11,7 @@ from jssa_gym.control import plan_brake, plan_move
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.surroundings import OVER_POSITION, OVER_VELOCITY, Surroundings
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans import nobody
+from jssa_gym.humans import Hand, Pursuit, nobody
 from jssa_gym.policies import POLICIES
 from jssa_gym.safety.tracking import measure_tracking, tracking_error_metres
 from jssa_gym.types import JointState
@@ -21,10 +21,15 @@ MEASURED = {"actuation_lag": 0.06, "tracking_error": 0.0142}
 """Of the shipped gains, with a reserve of one half: benchmarks/servo_residual.py."""
 
 
+AT_ONCE = {"hand": lambda: Hand(acceleration=None), "pursuit": lambda: Pursuit(acceleration=None)}
+"""People whose velocity changes at once."""
+
+
 def play(human, policy, seed, steps=400, **failsafe):
-    """Errors [rad] and contact speeds [m/s] of an episode under the shield."""
+    """Errors [rad] and contact speeds [m/s] of an episode under the shield, beside people who turn at once."""
+    people = "none" if human == "none" else AT_ONCE[human]()
     env = jssa_gym.JSSAShield(
-        gym.make("jssa_gym/Home-v0", human=human, dynamics="servo", terminate_on=()),
+        gym.make("jssa_gym/Home-v0", human=people, dynamics="servo", terminate_on=()),
         failsafe=jssa_gym.FailsafeParams(**failsafe),
     )
     act = POLICIES[policy](env, seed)

@@ -412,9 +412,10 @@ def test_a_shield_that_is_told_of_the_handover_lets_it_happen(seed):
 # ---- who receives -------------------------------------------------------------------------------------
 
 
-def test_who_receives_holds_out_low_then_nearer_and_higher_and_goes_back():
+@pytest.mark.parametrize(("acceleration", "ramp"), [(None, 0), (30.0, 4)], ids=str)
+def test_who_receives_holds_out_low_then_nearer_and_higher_and_goes_back(acceleration, ramp):
     for seed in range(20):
-        motion = Receive()
+        motion = Receive(acceleration=acceleration)
         seen = [motion.reset(np.random.default_rng(seed))]
         seen += [motion.step(DT, None) for _ in range(1500)]
         right = seen[0].names.index("right_arm")
@@ -433,9 +434,9 @@ def test_who_receives_holds_out_low_then_nearer_and_higher_and_goes_back():
         pauses = (begins - np.r_[0, ends[:2]]) * DT
         for pause, (least, most) in zip(pauses, ((0.2, 0.8), (0.8, 1.6), (3.5, 5.0)), strict=True):
             assert least - 2 * DT <= pause <= most + 2 * DT
-        # straight ways at one speed each, but for the last step
+        # straight ways at one speed each, but for ramps and the last step
         for begin, end in zip(begins, ends, strict=True):
-            way = speed[begin : end - 1]
+            way = speed[begin + ramp : end - 1 - ramp]
             np.testing.assert_allclose(way, np.tile(way[0], (len(way), 1)), atol=1e-9)
             assert 0.4 <= np.linalg.norm(way[0]) <= 0.8
         assert np.linalg.norm(hand - [c.start[right] for c in seen], axis=1).max() <= 0.7 + 1e-9

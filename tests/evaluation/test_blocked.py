@@ -20,7 +20,7 @@ from jssa_gym.evaluation.blocked import commonest
 from jssa_gym.exceptions import BlockedError
 from jssa_gym.shields.baselines import NoFilter
 from jssa_gym.shields.jssa import JSSAFilter
-from jssa_gym.tick.layout import FOREIGN
+from jssa_gym.tick.proposals.nothing import Foreign
 
 WHY = "out of order since [today]"
 
@@ -50,7 +50,7 @@ def filters(monkeypatch):
 
 def break_jssa(monkeypatch):
     """It is asked, not compiled, and finds no jerk."""
-    monkeypatch.setattr(JSSAFilter, "proposal", FOREIGN)
+    monkeypatch.setattr(JSSAFilter, "proposal", Foreign())
     monkeypatch.setattr(JSSAFilter, "respond", OutOfOrder.respond)
 
 

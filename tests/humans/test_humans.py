@@ -267,7 +267,13 @@ def test_constant_velocity_is_constant_and_passes_in_the_workspace():
 
 def test_approach_retreat_approaches_stops_and_retreats():
     motion = ApproachRetreat(
-        start=2.0, nearest=(0.7, 0.7), side=(0.1, 0.1), speed=(0.6, 0.6), wait=(0.5, 0.5), stay=(1.0, 1.0)
+        start=2.0,
+        nearest=(0.7, 0.7),
+        side=(0.1, 0.1),
+        speed=(0.6, 0.6),
+        wait=(0.5, 0.5),
+        stay=(1.0, 1.0),
+        acceleration=None,
     )
     seen = walk(motion, 0)
     path, speeds = roots(seen), np.hypot(*velocities(seen).T)
@@ -287,8 +293,11 @@ def test_approach_retreat_approaches_stops_and_retreats():
 
 @pytest.mark.parametrize("speed", [0.3, 0.37, 0.8, 1.3, 1.6])
 @pytest.mark.parametrize("dt", [0.008, 0.05])
-def test_approach_retreat_never_comes_nearer_than_asked(speed, dt):
-    motion = ApproachRetreat(nearest=(CLEARANCE, CLEARANCE), side=(0.0, 0.0), speed=(speed, speed))
+@pytest.mark.parametrize("acceleration", [None, 3.0, 1.0])
+def test_approach_retreat_never_comes_nearer_than_asked(speed, dt, acceleration):
+    motion = ApproachRetreat(
+        nearest=(CLEARANCE, CLEARANCE), side=(0.0, 0.0), speed=(speed, speed), acceleration=acceleration
+    )
     for seed in range(5):
         gap = np.hypot(*roots(walk(motion, seed, steps=int(8.0 / dt), dt=dt)).T).min()
         assert gap >= CLEARANCE - 1e-9
@@ -296,7 +305,7 @@ def test_approach_retreat_never_comes_nearer_than_asked(speed, dt):
 
 
 def test_random_walk_changes_gently_and_stays_in_its_region():
-    motion = RandomWalk()
+    motion = RandomWalk(acceleration=None)
     travelled = []
     for seed in range(20):
         seen = walk(motion, seed)
@@ -325,10 +334,11 @@ def test_random_walk_changes_gently_and_stays_in_its_region():
     ],
     ids=str,
 )
+@pytest.mark.parametrize("acceleration", [None, 3.0, 0.5])
 @pytest.mark.timeout(300)
-def test_other_random_walks_keep_their_promises_too(arguments):
+def test_other_random_walks_keep_their_promises_too(arguments, acceleration):
     try:
-        motion = RandomWalk(**arguments)
+        motion = RandomWalk(**arguments, acceleration=acceleration)
     except ParameterError:
         assert "region" in arguments
         return
@@ -351,7 +361,7 @@ def test_a_region_too_small_to_walk_in_is_refused():
 def test_walk_by_passes_in_the_workspace_and_changes_its_pace():
     stopped, sides = 0, []
     for seed in range(60):
-        seen = walk(WalkBy(), seed)
+        seen = walk(WalkBy(acceleration=None), seed)
         path, speeds = roots(seen), np.hypot(*velocities(seen).T)
         gap = np.hypot(*path.T)
         assert 0.85 - 1e-9 <= gap.min() <= 1.2 + 1e-3
@@ -372,7 +382,9 @@ def test_walk_by_passes_in_the_workspace_and_changes_its_pace():
     assert set(sides) >= {-1.0, 1.0}
 
 
-@pytest.mark.parametrize("options", [{}, {"acceleration": 2.0}, {"feint": True}, {"speed": 0.8}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"acceleration": None}, {"acceleration": 2.0}, {"feint": True}, {"speed": 0.8}], ids=str
+)
 def test_pursuit_reaches_an_arm_at_rest_from_every_start(robot, options):
     rng, (low, high) = np.random.default_rng(0), robot.limits.position.T
     for seed in range(12):
@@ -391,12 +403,13 @@ def test_pursuit_reaches_an_arm_at_rest_from_every_start(robot, options):
         assert gaps[-1] <= 0.0
 
 
-def test_pursuit_follows_the_arm_and_stays_in_contact():
-    motion = Pursuit()
+@pytest.mark.parametrize("acceleration", [None, 5.0, 1.5])
+def test_pursuit_follows_the_arm_and_stays_in_contact(acceleration):
+    motion = Pursuit(acceleration=acceleration)
     motion.reset(np.random.default_rng(0), np.array([2.0, 0.0]))
     for turn in (0.0, 1.5, -1.5):
         target = arm((turn, 0.0, 0.0, 0.0, -np.pi / 2.0, 0.0))
-        for _ in range(300):
+        for _ in range(600):
             people = motion.step(DT, target)
         assert surface_distance(people, target) < 0.0
         # it has arrived: nothing is left to run to
@@ -426,12 +439,14 @@ def test_pursuit_overlooks_a_link_that_it_cannot_reach_by_walking():
 
 
 def test_pursuit_runs_as_it_is_told():
-    speeds = np.hypot(*velocities(walk(Pursuit(), 0, steps=100)).T)
+    speeds = np.hypot(*velocities(walk(Pursuit(acceleration=None), 0, steps=100)).T)
     np.testing.assert_array_equal(speeds[0], 0.0)
     np.testing.assert_allclose(speeds[1:], 1.6, rtol=1e-12)
     path = velocities(walk(Pursuit(acceleration=2.0), 0))
     assert np.hypot(*np.diff(path, axis=0).T).max() == pytest.approx(2.0 * DT, rel=1e-9)
-    feints = np.array([np.hypot(*velocities(walk(Pursuit(feint=True), seed, steps=250)).T) for seed in range(10)])
+    feints = np.array(
+        [np.hypot(*velocities(walk(Pursuit(acceleration=None, feint=True), seed, steps=250)).T) for seed in range(10)]
+    )
     stops = (feints[:, 1:-1] > 0.0) & (feints[:, 2:] == 0.0)
     assert np.count_nonzero(stops) >= 5
     assert not np.array_equal(feints[0], feints[1])
@@ -543,6 +558,8 @@ def test_the_steered_reaches_for_the_arm_with_its_hand():
         ({"parameters": [[np.nan, 0.0]]}, "parameters"),
         ({"parameters": [[0.0, 0.0]], "speed": 0.0}, "speed"),
         ({"parameters": [[0.0, 0.0]], "limb_speed": 1.0}, "limb_speed"),
+        ({"parameters": [[0.0, 0.0]], "limb_acceleration": 5.0}, "limb_acceleration"),
+        ({"parameters": [[0.0, 0.0]], "limb_acceleration": 0.0}, "limb_acceleration"),
         ({"parameters": [[0.0, 0.0]], "start": (0.1, 0.1)}, "0.6"),
         ({"parameters": [[0.0, 0.0]], "period": -1.0}, "period"),
     ],

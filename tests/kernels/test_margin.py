@@ -191,6 +191,6 @@ def test_who_passes_by_asks_for_nothing_and_who_comes_closer_does(robot):
     agent["radius"] = 0.1
     for aside, asks in ((0.6, False), (0.0, True)):
         for end in ("start", "end"):
-            agent[end], agent[f"{end}_velocity"] = tip + [0.9, aside, 0.0], [-1.0, 0.0, 0.0]
+            agent[end], agent[f"{end}_velocity"] = tip + np.array([0.9, aside, 0.0]), [-1.0, 0.0, 0.0]
         count, *_ = rows_of(case.arm, case.motion, case.people, FORESIGHT, case.work)
         assert (count > 0) == asks

@@ -616,7 +616,7 @@ def test_speeds_that_are_still_to_come_are_foreseen(robot, times):
         # the first step, and anywhere
         for k in [*range(0, 32, 4), *rng.integers(len(positions), size=8)]:
             moved = ver.StepAndStop(motion.state, motion.jerk, motion.after, motion.plan, DT)
-            ver._posture(moved, motion.times[k], posture, fastest)
+            ver.posture_at(moved, motion.times[k], posture, fastest)
             np.testing.assert_allclose(posture, positions[k], atol=1e-9)
             assert np.all(later[k] <= fastest + 1e-9)
             # and not taken for much faster

@@ -463,7 +463,7 @@ SICK = {
     "phi is None": (lambda f, t, d: d._replace(phi=None), "TypeError"),
     "three in a pair": (lambda f, t, d: d._replace(pair=(0, 0, 0)), "ValueError"),
     "a status of its own": (lambda f, t, d: d._replace(status=17), "ValueError"),
-    "a tuple of its own": (lambda f, t, d: OwnDecision(*d), "OwnDecision, no Decision"),
+    "a tuple of its own": (lambda f, t, d: OwnDecision(*d[:9]), "OwnDecision, no Decision"),
     "writes into the nominal": (lambda f, t, d: _writes(d), "not the nominal"),
 }
 

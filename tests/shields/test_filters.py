@@ -479,7 +479,7 @@ def fig5(speed: float, *, name: str | None, seed: int = 0, steps: int = 700):
     return rollout(env, HoldPolicy(env), seed=seed, steps=steps)
 
 
-AVOIDING = ("jssa", "jssa_near", "jssa_published", "ssa", "sss", "cbf", "pfm", "sma")
+AVOIDING = ("jssa", "jssa_near", "jssa_published", "jssa_ahead", "ssa", "sss", "cbf", "pfm", "sma")
 STOPPING = ("ssm", "stop", "none")
 """An arm that holds its place is touched where it stands by these: they never move it away."""
 

@@ -158,7 +158,7 @@ def test_every_code_is_said_somewhere():
     said = {
         node.attr
         for folder in ("tick", "shields")
-        for path in (PACKAGE / folder).glob("*.py")
+        for path in (PACKAGE / folder).rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "codes"
     }
