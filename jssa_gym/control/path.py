@@ -29,7 +29,7 @@ HURRY = 1.12
 """Pace at most while a schedule is behind; of plans within 0.7 of the jerk limits it needs 0.98."""
 
 
-class Path:
+class PacedPath:
     r"""Alternatives for a shield: a plan's path at several paces, in order of preference.
 
     In every tick :meth:`alternatives` gives jerks that go on along the path, and :meth:`took` says which of them was
@@ -87,9 +87,9 @@ class Path:
             )
         return max(1.0, min(HURRY, *(float(bound.min()) for bound in bounds)))
 
-    def onto(self, plan: Plan, played: int) -> "Path":
+    def onto(self, plan: Plan, played: int) -> "PacedPath":
         """The same motion on a plan that is this one's from tick ``played`` on, and goes elsewhere later."""
-        path = Path(plan, self._limits, pace=self._override, schedule=self._schedule)
+        path = PacedPath(plan, self._limits, pace=self._override, schedule=self._schedule)
         path._pace[:] = self._pace
         path._pace[0] -= played * plan.dt
         path._behind, path.margin = self._behind, self.margin

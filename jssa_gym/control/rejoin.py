@@ -97,7 +97,7 @@ def _joining(state: Array, target: Array, ticks: int, dt: float) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def _least_norm(ticks: int) -> tuple[Array, Array]:
-    """What jerks (H,) do to position, speed and acceleration at the end, in ticks, shape (3, H); and the inverse (H, 3).
+    """What jerks (H,) do to position, speed and acceleration at the end, in ticks, (3, H); and the inverse (H, 3).
 
     The jerks of least norm are a combination of the three rows, so a parabola over the ticks.
     """

@@ -4,7 +4,7 @@ import numpy as np
 
 from jssa_gym.control.jpc import JPC, Event
 from jssa_gym.control.moves import brake_jerk, plan_brake
-from jssa_gym.control.path import Path
+from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan
 from jssa_gym.control.rejoin import Clear, Route, rejoin
 from jssa_gym.robots import JointLimits
@@ -15,7 +15,7 @@ _ARRIVED = np.array([[1e-7], [1e-6], [1e-5]])
 
 
 class YieldingJPC(JPC):
-    """Plays the host's plans as a :class:`~jssa_gym.control.path.Path`.
+    """Plays the host's plans as a :class:`~jssa_gym.control.path.PacedPath`.
 
     In every tick: :meth:`step`; then :attr:`path`, if there is one, is offered to a shield, or told what was taken.
     What the shield slows along the path goes on. Thrown off it, the arm goes back to a point ahead of it, see
@@ -41,7 +41,7 @@ class YieldingJPC(JPC):
     def reset(self) -> None:
         """Forget plan, task and requests: a new episode."""
         super().reset()
-        self.path: Path | None = None
+        self.path: PacedPath | None = None
         """What is being played; None while there is nothing to be slowed."""
         self._route: Route | None = None
         self._override = 1.0  # the pace that the last path asked for
@@ -59,7 +59,7 @@ class YieldingJPC(JPC):
         self._expected = np.full_like(state, np.nan)  # nothing is as it was commanded
         super()._notice(state)
 
-    def _count_marks(self, path: Path) -> None:
+    def _count_marks(self, path: PacedPath) -> None:
         self._read = path.ticks
         marks = path.plan.marks
         while self._passed < len(marks) and marks[self._passed] <= self._read:
@@ -67,7 +67,7 @@ class YieldingJPC(JPC):
             if self._current:
                 self.met += 1
 
-    def _go_back(self, path: Path, state: Array) -> bool:
+    def _go_back(self, path: PacedPath, state: Array) -> bool:
         """Try to rejoin the path ahead; whether there is a way."""
         if self._route is None or not np.all(np.isfinite(state)):
             return False
@@ -83,7 +83,7 @@ class YieldingJPC(JPC):
         if self.path is not None:
             self._override = self.path.override
         self._route = route
-        self.path = Path(route.plan, self.limits, pace=self._override, schedule=self._schedule)
+        self.path = PacedPath(route.plan, self.limits, pace=self._override, schedule=self._schedule)
         super()._take(route.plan, current=current)
 
     def _leave(self) -> None:
@@ -137,7 +137,7 @@ class YieldingJPC(JPC):
         jerks = path.alternatives(state, path.margin)
         return jerks[0] if len(jerks) else brake_jerk(JointState(*state), self.limits, self.dt)
 
-    def _arrive(self, path: Path, state: Array) -> bool:
+    def _arrive(self, path: PacedPath, state: Array) -> bool:
         """At the end of a path, bring what is left of the motion to rest on the grid; whether the arm is there."""
         end = np.zeros_like(state)
         end[0] = path.plan.states[-1, 0]

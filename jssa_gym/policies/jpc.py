@@ -3,7 +3,6 @@
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -13,19 +12,16 @@ from jssa_gym.control.inverse import path_is_clear, postures_for, way_is_clear
 from jssa_gym.control.jpc import JPC, Phase, Request
 from jssa_gym.control.least_jerk import FEWEST
 from jssa_gym.control.moves import plan_approach, plan_move, within_range
-from jssa_gym.control.path import Path
+from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan, plan_waypoints
 from jssa_gym.control.yielding import YieldingJPC
 from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
+from jssa_gym.policies.delays import Delay, drawn_delay
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array, JointState, Scene
-from jssa_gym.validation import low_high, positive_number, true_or_false
+from jssa_gym.validation import positive_number, true_or_false
 
 _logger = logging.getLogger(__name__)
-
-Delay = float | tuple[float, float] | Callable[[np.random.Generator], float]
-"""Of the host [s]: a number, a range to draw from, or what draws it; infinity for an answer that never comes."""
-
 
 _SLOWER = 0.7
 """By which speed and acceleration are reduced after an interruption that came before the next waypoint."""
@@ -52,9 +48,9 @@ class JPCPolicy:
     kept at the robot's home. Interrupted again and again on the way to the same waypoint, it goes there more slowly
     every time: what a shield refuses at full speed it may grant at less.
 
-    It yields: inside a shield it offers its path (:class:`~jssa_gym.control.path.Path`), which the shield slows the arm
-    down along; that is no interruption. Thrown off it, the arm rejoins it ahead without coming to rest. Plans are
-    checked as a whole against what stands still, and take 0.7 of the acceleration and jerk limits where that will do.
+    It yields: inside a shield it offers its path (:class:`~jssa_gym.control.path.PacedPath`), which the shield slows
+    the arm down along; that is no interruption. Thrown off it, the arm rejoins it ahead without coming to rest. Plans
+    are checked as a whole against what stands still, and take 0.7 of the acceleration and jerk limits if that will do.
     With ``yielding=False`` it is the paper's: any jerk that is not its own ends the plan, and after a stop there is a
     new one.
 
@@ -87,7 +83,7 @@ class JPCPolicy:
         self._env, self._rng = env, np.random.default_rng(seed)
         self._robot = env.get_wrapper_attr("robot")
         self._dt = float(env.get_wrapper_attr("dt"))
-        self._delay = _delay(host_delay)
+        self._delay = drawn_delay(host_delay)
         self._tolerance, self._clear = positive_number("tolerance", tolerance), positive_number("clear", clear)
         self._jerk_bound = np.array(self._robot.limits.jerk)
         task = getattr(env.unwrapped, "task", None)
@@ -144,7 +140,7 @@ class JPCPolicy:
         self._tick += 1
         return np.clip(jerk / self._jerk_bound, -1.0, 1.0)  # rounding
 
-    def _offer(self, path: Path) -> None:
+    def _offer(self, path: PacedPath) -> None:
         """Have a shield choose among the path's alternatives; without one, the first is what is applied."""
         if self._env.has_wrapper_attr("offer"):
             self._env.get_wrapper_attr("offer")(path)
@@ -288,37 +284,3 @@ class JPCPolicy:
             self._robot.limits, lambda limits: plan_waypoints(rest, waypoints[1:], period, limits, dt, stretch=True)
         )
         return first.then(later)
-
-
-@dataclass(frozen=True, slots=True)
-class _Between:
-    """Draws the host's delay evenly; like a constant one a class, since what stands in a function is never pickled."""
-
-    low: float
-    high: float
-
-    def __call__(self, rng: np.random.Generator) -> float:
-        return float(rng.uniform(self.low, self.high))
-
-
-@dataclass(frozen=True, slots=True)
-class _Always:
-    """A delay that draws nothing."""
-
-    delay: float
-
-    def __call__(self, rng: np.random.Generator) -> float:
-        return self.delay
-
-
-def _delay(host_delay: Delay) -> Callable[[np.random.Generator], float]:
-    if isinstance(host_delay, tuple):
-        return _Between(*low_high("host_delay", host_delay))
-    if isinstance(host_delay, int | float | np.integer | np.floating) and not isinstance(host_delay, bool):
-        delay = float(host_delay)
-        if not delay >= 0.0:
-            raise ParameterError(f"host_delay has to be at least 0, got {host_delay!r}")
-        return _Always(delay)
-    if not callable(host_delay):
-        raise ParameterError(f"host_delay has to be a number, (low, high) or a function, got {host_delay!r}")
-    return host_delay

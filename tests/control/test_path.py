@@ -1,12 +1,14 @@
 """A path at a pace of its own, played to shields that take, refuse and brake."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jssa_gym.control import plan_move, plan_waypoints
-from jssa_gym.control.path import ASTRAY, FASTER, HURRY, SLOWER, Path
+from jssa_gym.control.path import ASTRAY, FASTER, HURRY, SLOWER, PacedPath
 from jssa_gym.control.plan import Plan
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.motion import integrate
@@ -85,7 +87,7 @@ def test_derivatives_are_those_of_the_plan() -> None:
 
 @pytest.mark.parametrize("plan", PLANS)
 def test_at_full_pace_it_is_the_plan(plan) -> None:
-    path, arm = Path(plan, LIMITS), Arm(plan)
+    path, arm = PacedPath(plan, LIMITS), Arm(plan)
     for k in range(len(plan)):
         (jerk, *_) = path.alternatives(arm.state, np.inf)
         np.testing.assert_allclose(jerk, plan.jerk[k], atol=1e-5)
@@ -97,9 +99,7 @@ def test_at_full_pace_it_is_the_plan(plan) -> None:
 
 
 margins = st.lists(
-    st.tuples(
-        st.sampled_from([np.inf, 1.0, 0.1, 0.07, 0.04, 0.01, 0.0, -0.2, -np.inf, np.nan]), st.integers(1, 120)
-    ),
+    st.tuples(st.sampled_from([np.inf, 1.0, 0.1, 0.07, 0.04, 0.01, 0.0, -0.2, -np.inf, np.nan]), st.integers(1, 120)),
     min_size=1,
     max_size=12,
 )
@@ -108,7 +108,7 @@ margins = st.lists(
 @settings(deadline=None, max_examples=60)
 @given(margins, st.sampled_from(PLANS), st.booleans(), st.integers(0, 2**32 - 1))
 def test_limits_are_kept_and_the_path_too_whatever_the_margin_and_the_choice(parts, plan, schedule, seed) -> None:
-    path, arm, rng = Path(plan, LIMITS, schedule=schedule), Arm(plan), np.random.default_rng(seed)
+    path, arm, rng = PacedPath(plan, LIMITS, schedule=schedule), Arm(plan), np.random.default_rng(seed)
     sequence = [margin for margin, ticks in parts for _ in range(ticks)]
     play(path, arm, sequence, lambda count: 0 if rng.random() < 0.8 else int(rng.integers(count)))
     off = np.abs(arm.state - path.reference).max(axis=1)
@@ -122,7 +122,7 @@ def test_limits_are_kept_and_the_path_too_whatever_the_margin_and_the_choice(par
 @pytest.mark.parametrize("margin", [0.0, -0.1, -np.inf, np.nan])
 @pytest.mark.parametrize("plan", PLANS)
 def test_without_a_margin_the_arm_rests_on_its_path(plan, margin) -> None:
-    path, arm = Path(plan, LIMITS), Arm(plan)
+    path, arm = PacedPath(plan, LIMITS), Arm(plan)
     play(path, arm, [np.inf] * (len(plan) // 2))
     play(path, arm, [margin] * 250)
     assert path.override == 0.0
@@ -136,7 +136,7 @@ def test_without_a_margin_the_arm_rests_on_its_path(plan, margin) -> None:
 
 def test_the_pace_that_is_asked_for_follows_the_margin_no_faster_than_it_may() -> None:
     plan = PLANS[0]
-    path, arm = Path(plan, LIMITS), Arm(plan)
+    path, arm = PacedPath(plan, LIMITS), Arm(plan)
     asked = [1.0]
     for margin in [0.04] * 30 + [0.08] * 60:
         jerks = path.alternatives(arm.state, margin)
@@ -153,12 +153,12 @@ def test_the_pace_that_is_asked_for_follows_the_margin_no_faster_than_it_may() -
 
 def test_later_alternatives_are_slower() -> None:
     plan = PLANS[0]
-    path, arm = Path(plan, LIMITS), Arm(plan)
+    path, arm = PacedPath(plan, LIMITS), Arm(plan)
     play(path, arm, [np.inf] * 100)
     jerks = path.alternatives(arm.state, np.inf)
     assert len(jerks) >= 3
     along_path = [jerk @ path.reference[1] for jerk in jerks]
-    assert all(later < earlier for earlier, later in zip(along_path, along_path[1:], strict=False))
+    assert all(later < earlier for earlier, later in itertools.pairwise(along_path))
     before = path.pace
     path.took(len(jerks) - 1)
     assert path.pace < before
@@ -166,7 +166,7 @@ def test_later_alternatives_are_slower() -> None:
 
 def test_asking_twice_does_no_harm() -> None:
     plan = PLANS[0]
-    path, arm = Path(plan, LIMITS), Arm(plan)
+    path, arm = PacedPath(plan, LIMITS), Arm(plan)
     play(path, arm, [np.inf] * 100 + [0.05] * 3)
     once = path.alternatives(arm.state, 0.02)
     again = path.alternatives(arm.state, 0.02)
@@ -175,7 +175,7 @@ def test_asking_twice_does_no_harm() -> None:
 
 def test_who_was_given_another_jerk_is_off_the_path_and_offers_nothing() -> None:
     plan = PLANS[0]
-    path, arm = Path(plan, LIMITS), Arm(plan)
+    path, arm = PacedPath(plan, LIMITS), Arm(plan)
     play(path, arm, [np.inf] * 100)
     path.alternatives(arm.state, np.inf)
     for _ in range(3):
@@ -188,7 +188,7 @@ def test_who_was_given_another_jerk_is_off_the_path_and_offers_nothing() -> None
 
 
 def test_a_state_that_is_no_number_offers_nothing() -> None:
-    path = Path(PLANS[0], LIMITS)
+    path = PacedPath(PLANS[0], LIMITS)
     state = PLANS[0].states[0].copy()
     state[1, 2] = np.nan
     assert len(path.alternatives(state, np.inf)) == 0
@@ -198,7 +198,7 @@ def test_lost_time_is_made_up_for_by_a_schedule_alone() -> None:
     plan = PLANS[0]
     took = {}
     for schedule in (False, True):
-        path, arm = Path(plan, LIMITS, schedule=schedule), Arm(plan)
+        path, arm = PacedPath(plan, LIMITS, schedule=schedule), Arm(plan)
         paces = play(path, arm, [np.inf] * 60 + [0.02] * 60 + [np.inf] * 1000)
         took[schedule] = len(paces)
         assert max(paces) <= (HURRY if schedule else 1.0) + 1e-6
@@ -207,14 +207,14 @@ def test_lost_time_is_made_up_for_by_a_schedule_alone() -> None:
 
 def test_from_rest_a_plan_begins_at_the_pace_that_was_asked_for() -> None:
     plan = PLANS[0]
-    assert Path(plan, LIMITS, pace=0.3).pace == 0.3
+    assert PacedPath(plan, LIMITS, pace=0.3).pace == 0.3
     moving = Plan.follow(plan.states[50], plan.jerk[50:], DT, (len(plan) - 50,))
-    assert Path(moving, LIMITS, pace=0.3).pace == 1.0
+    assert PacedPath(moving, LIMITS, pace=0.3).pace == 1.0
 
 
 def test_a_plan_without_ticks_holds_its_place() -> None:
     plan = plan_move(np.array(ROBOT.home), np.array(ROBOT.home), LIMITS, DT)
-    path, arm = Path(plan, LIMITS), Arm(plan)
+    path, arm = PacedPath(plan, LIMITS), Arm(plan)
     assert path.ended
     jerks = path.alternatives(arm.state, np.inf)
     np.testing.assert_array_equal(jerks, np.zeros((1, 6)))
@@ -224,7 +224,7 @@ def test_it_refuses_what_does_not_fit() -> None:
     plan = PLANS[0]
     few = JointLimits(LIMITS.position[:2], LIMITS.velocity[:2], LIMITS.acceleration[:2], LIMITS.jerk[:2])
     with pytest.raises(ParameterError, match="joints"):
-        Path(plan, few)
+        PacedPath(plan, few)
     for pace in (-0.1, 2.0, np.nan):
         with pytest.raises(ParameterError, match="pace"):
-            Path(plan, LIMITS, pace=pace)
+            PacedPath(plan, LIMITS, pace=pace)
