@@ -14,6 +14,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.override import along
 from jssa_gym.kernels.stopping import step_keeps
+from jssa_gym.kernels.viability import recoverable
 from jssa_gym.robots import JointLimits, lr_mate_200id_7l
 from jssa_gym.types import JointState
 
@@ -228,3 +229,20 @@ def test_it_refuses_what_does_not_fit() -> None:
     for pace in (-0.1, 2.0, np.nan):
         with pytest.raises(ParameterError, match="pace"):
             PacedPath(plan, LIMITS, pace=pace)
+
+
+def test_at_the_end_of_the_range_only_what_can_still_be_stopped_is_offered() -> None:
+    end = np.array(ROBOT.home)
+    end[0] = LIMITS.position[0, 1] - 1e-4
+    plan = plan_move(end - np.eye(6)[0], end, TIGHT, DT)
+    ahead = 9e-4 * np.eye(6)[0]  # nearer to the end of the range than the path is, and not yet astray
+    refused = 0
+    for k in range(len(plan)):
+        path = PacedPath(Plan.follow(plan.states[k], plan.jerk[k:], DT, (len(plan) - k,)), LIMITS)
+        state = plan.states[k] + np.array([ahead, 0.0 * ahead, 0.0 * ahead])
+        jerks = path.alternatives(state, np.inf)
+        refused += len(jerks) == 0
+        for jerk in jerks:
+            for j in range(6):
+                assert recoverable(*state[:, j], jerk[j], tuple(BOUNDS[:, j]), DT)
+    assert 0 < refused < len(plan)
