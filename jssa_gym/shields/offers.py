@@ -14,7 +14,7 @@ _logger = logging.getLogger("jssa_gym")
 
 @runtime_checkable
 class Path(Protocol):
-    """A motion that can be slowed down along itself."""
+    """A motion that can be slowed down along itself, such as :class:`jssa_gym.control.PacedPath`."""
 
     @property
     def override(self) -> float:
