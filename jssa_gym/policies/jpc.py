@@ -15,7 +15,7 @@ from jssa_gym.control.moves import plan_approach, plan_move, within_range
 from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan, plan_waypoints
 from jssa_gym.control.yielding import YieldingJPC
-from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
+from jssa_gym.exceptions import InfeasibleError, InterfaceError, ParameterError, UnreachableError
 from jssa_gym.policies.delays import Delay, drawn_delay
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array, JointState, Scene
@@ -81,6 +81,7 @@ class JPCPolicy:
         yielding: bool = True,
     ) -> None:
         self._env, self._rng = env, np.random.default_rng(seed)
+        self.offer_to(env)
         self._robot = env.get_wrapper_attr("robot")
         self._dt = float(env.get_wrapper_attr("dt"))
         self._delay = drawn_delay(host_delay)
@@ -140,12 +141,20 @@ class JPCPolicy:
         self._tick += 1
         return np.clip(jerk / self._jerk_bound, -1.0, 1.0)  # rounding
 
+    def offer_to(self, env: gym.Env) -> None:
+        """Offer paths to the shield among the wrappers of ``env``, which need not be what the policy looks at."""
+        self._take = env.get_wrapper_attr("offer") if env.has_wrapper_attr("offer") else None
+
     def _offer(self, path: PacedPath) -> None:
         """Have a shield choose among the path's alternatives; without one, the first is what is applied."""
-        if self._env.has_wrapper_attr("offer"):
-            self._env.get_wrapper_attr("offer")(path)
-        else:
-            path.took(0)
+        try:
+            if self._take is not None:
+                self._take(path)
+                return
+        except InterfaceError:  # a filter with a decide of its own, which only knows the action
+            _logger.info("the shield takes no path; it is interrupted as by hand")
+            self._take = None
+        path.took(0)
 
     def _is_clear(self, positions: Array) -> bool:
         """Whether a motion is clear of what stands still now."""
