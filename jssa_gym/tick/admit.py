@@ -28,7 +28,7 @@ WANTED, HALFWAY, STORED, GRADED = range(4)
 """Which jerk was chosen: what was proposed, one half way to the stored stop's, the stored stop's, or what was proposed
 blended with braking."""
 
-EASY = 0.1
+EASY = 0.05
 """Room to people from which on nothing is slowed down [m], see :func:`~jssa_gym.kernels.margin.margin`."""
 
 
@@ -235,8 +235,8 @@ def confirm(robot, settings, memory, work, answer, e):
 @jit
 def admits(robot, settings, memory, jerk, work, answer, e):
     """Whether a stop of some hardness behind ``jerk`` (n,) is verified, which then is the stored one."""
-    code, row, column, moment = keeps_safe(robot, settings, memory, jerk, 0, work, e)
-    if code != SAFE:
+    hardness, code, row, column, moment = softest(robot, settings, memory, jerk, 0, work, e)
+    if hardness > 1:
         return False
     told = answer.told[e]
     told["chosen"], told["detail"] = WANTED, code
