@@ -308,9 +308,9 @@ def test_a_profile_is_the_same_by_every_door(profile):
     for filter in filters:
         assert filter.params == PROFILES[profile]
         assert filter.viability
-        assert filter.failsafe == FailsafeParams()
-    soft = jssa_gym.JSSAShield(env, profile=profile, horizon=0.3, failsafe={"graded": True, "human_speed": 1.0})
-    assert (soft.filter.params.horizon, soft.filter.failsafe) == (0.3, FailsafeParams(graded=True, human_speed=1.0))
+        assert filter.failsafe == FailsafeParams(graded=True)
+    bold = jssa_gym.JSSAShield(env, profile=profile, horizon=0.3, failsafe={"graded": False, "human_speed": 1.0})
+    assert (bold.filter.params.horizon, bold.filter.failsafe) == (0.3, FailsafeParams(human_speed=1.0))
     with pytest.raises(ParameterError, match="lambda1, lambda2, rows, recovery and options are of 'paper'"):
         jssa_gym.JSSAShield(env, profile=profile, lambda1=1.0)
 
