@@ -1,8 +1,10 @@
 """The jerk-bounded position controller with plans that yield: slowed along its path, it is not interrupted."""
 
+import math
+
 import numpy as np
 
-from jssa_gym.control.jpc import JPC, Event
+from jssa_gym.control.jpc import DISTURBED, JPC, Event
 from jssa_gym.control.moves import brake_jerk, plan_brake
 from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan
@@ -12,6 +14,9 @@ from jssa_gym.types import Array, JointState
 
 _ARRIVED = np.array([[1e-7], [1e-6], [1e-5]])
 """Distance from the end of a path, and what is left of the motion there, from which on the arm is brought to rest."""
+
+_HERE = -1
+"""In place of a tick of the plan: a plan was asked for that begins where the arm is held up."""
 
 
 class YieldingJPC(JPC):
@@ -105,14 +110,24 @@ class YieldingJPC(JPC):
             super()._end_of_buffer()
 
     def _future(self, state: Array) -> tuple[Array, int]:
-        begin, begins = super()._future(state)
-        self._from = self._read + begins - self._tick
-        return begin, begins
+        """Ahead on the path by what the host takes, at the path's pace; where that does not get on, here."""
+        path = self.path
+        if path is None:
+            return super()._future(state)
+        if path.pace == 0.0 and bool(np.all(np.abs(state[1:]) <= DISTURBED[1:])):
+            self._from = _HERE
+            return np.concatenate([state[:1], np.zeros_like(state[1:])]), self._tick
+        last = len(path.plan)
+        self._from = min(path.ticks + max(1, math.ceil(self._ahead * path.pace)), last)
+        begin = path.plan.states[self._from].copy()
+        if self._from == last:  # at rest but for rounding
+            begin[1:] = 0.0
+        return begin, self._tick + self._from - path.ticks
 
     def _begin(self, state: Array) -> None:
         """Begin with the answer: at rest at once, in motion where the path gets to where it was asked for."""
         path, plan = self.path, self._answer
-        if path is None or plan is None:
+        if path is None or plan is None or self._from == _HERE:
             super()._begin(state)
             return
         self.request, self._answer = None, None
