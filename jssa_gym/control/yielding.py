@@ -1,10 +1,8 @@
 """The jerk-bounded position controller with plans that yield: slowed along its path, it is not interrupted."""
 
-import math
-
 import numpy as np
 
-from jssa_gym.control.jpc import DISTURBED, JPC, Event
+from jssa_gym.control.jpc import JPC, Event
 from jssa_gym.control.moves import brake_jerk, plan_brake
 from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan
@@ -14,6 +12,9 @@ from jssa_gym.types import Array, JointState
 
 _ARRIVED = np.array([[1e-7], [1e-6], [1e-5]])
 """Distance from the end of a path, and what is left of the motion there, from which on the arm is brought to rest."""
+
+_SLOW = 0.3
+"""Pace below which a new plan begins where the arm is."""
 
 _HERE = -1
 """In place of a tick of the plan: a plan was asked for that begins where the arm is held up."""
@@ -110,27 +111,34 @@ class YieldingJPC(JPC):
             super()._end_of_buffer()
 
     def _future(self, state: Array) -> tuple[Array, int]:
-        """Ahead on the path by what the host takes, at the path's pace; where that does not get on, here."""
+        """Ahead on the path by what the host takes; where the arm hardly gets on, from rest where it is.
+
+        Going on at full speed, a plan would lead past where the arm is now and back, which at a slow pace takes long.
+        """
         path = self.path
-        if path is None:
-            return super()._future(state)
-        if path.pace == 0.0 and bool(np.all(np.abs(state[1:]) <= DISTURBED[1:])):
+        if path is not None and path.pace < _SLOW:
             self._from = _HERE
             return np.concatenate([state[:1], np.zeros_like(state[1:])]), self._tick
-        last = len(path.plan)
-        self._from = min(path.ticks + max(1, math.ceil(self._ahead * path.pace)), last)
-        begin = path.plan.states[self._from].copy()
-        if self._from == last:  # at rest but for rounding
-            begin[1:] = 0.0
-        return begin, self._tick + self._from - path.ticks
+        begin, begins = super()._future(state)
+        self._from = self._read + begins - self._tick
+        return begin, begins
 
     def _begin(self, state: Array) -> None:
         """Begin with the answer: at rest at once, in motion where the path gets to where it was asked for."""
         path, plan = self.path, self._answer
-        if path is None or plan is None or self._from == _HERE:
+        if path is None or plan is None:
             super()._begin(state)
             return
         self.request, self._answer = None, None
+        if self._from == _HERE:
+            found = rejoin(Route(plan, plan), 0, state, self.limits, self._clear)
+            if found is None:
+                self._ask(state)
+                return
+            self._on(Event.PLAN)
+            self._waits = self.patience
+            self._play(found, current=True)
+            return
         if path.ticks > self._from:
             self._ahead *= 2
             self._ask(state)

@@ -240,7 +240,8 @@ class JPCPolicy:
 
     def _to_point(self, state: JointState, point: Array, planes: Any) -> Plan:
         robot = self._robot
-        if np.any(state.velocity):
+        slowed = isinstance(self.jpc, YieldingJPC) and self.jpc.path is not None
+        if slowed or np.any(state.velocity):
             # a goal that moves while the arm does: the nearest posture goes on from the present one
             postures = postures_for(robot, point, planes, state.position, self._rng, restarts=0, clear=self._clear)
             return self._made(self._limits(state), lambda limits: plan_approach(state, postures[0], limits, self._dt))

@@ -28,6 +28,9 @@ WANTED, HALFWAY, STORED, GRADED = range(4)
 """Which jerk was chosen: what was proposed, one half way to the stored stop's, the stored stop's, or what was proposed
 blended with braking."""
 
+SOFT = 2
+"""As many of the softest stops may stand behind an alternative; where there is but one hardness, that one."""
+
 EASY = 0.05
 """Room to people from which on nothing is slowed down [m], see :func:`~jssa_gym.kernels.margin.margin`."""
 
@@ -234,9 +237,12 @@ def confirm(robot, settings, memory, work, answer, e):
 
 @jit
 def admits(robot, settings, memory, jerk, work, answer, e):
-    """Whether a stop of some hardness behind ``jerk`` (n,) is verified, which then is the stored one."""
+    """Whether a soft stop behind ``jerk`` (n,) is verified, which then is the stored one.
+
+    Before a harder one, an arm is better slowed down by and by (:func:`choose`) than let go on until braking jumps.
+    """
     hardness, code, row, column, moment = softest(robot, settings, memory, jerk, 0, work, e)
-    if hardness > 1:
+    if code != SAFE or hardness >= SOFT:
         return False
     told = answer.told[e]
     told["chosen"], told["detail"] = WANTED, code
