@@ -127,7 +127,7 @@ def softest(robot, settings, memory, jerk, first, work, e):
 
 @jit
 def share_of(room):
-    """How much of what is wanted counts where the hardest stop leaves so much room to people [m]; of NaN nothing."""
+    """How much of what is wanted counts where the hardest stop leaves so much room to people [m]; at NaN nothing."""
     return min(max(room / EASY, 0.0), 1.0) if room > 0.0 else 0.0
 
 
@@ -135,7 +135,8 @@ def share_of(room):
 def blend(memory, wanted, share, limits, jerk, e):
     r"""What is wanted, turned towards the stored stop, into ``jerk`` (n,): :math:`u = b + w (u_w - b)`.
 
-    With b the stored stop's jerk and w the share: beside people an arm is slowed down by and by, not all at once.
+    With b the stored stop's jerk and w the share: beside people an arm is slowed down by and by, not all at once, and
+    what is left at share 0 is the stop that goes on.
     """
     stop_jerk(memory.stored[e], memory.arm[e]["step"], jerk)
     for j in range(jerk.shape[0]):
@@ -143,20 +144,20 @@ def blend(memory, wanted, share, limits, jerk, e):
 
 
 @jit
-def same(one, other):
-    """Whether two jerks (n,) are the same."""
+def _differ(one, other):
+    most = 0.0
     for j in range(one.shape[0]):
-        if one[j] != other[j]:
-            return False
-    return True
+        most = max(most, abs(one[j] - other[j]))
+    return most > 0.0
 
 
 @jit
 def choose(robot, settings, memory, wanted, jerk, work, e):
     """The first verified one of: the wanted jerk, one between it and the stored stop's, the stored stop's.
 
-    If there are stops of several hardness, the nominal is applied as it is only before a soft one, and what a filter
-    wants only where there is room; else it is blended with braking. If not, the one between is half way.
+    If there are stops of several hardness, the nominal is applied as it is only before the softest, and what a filter
+    wants only where there is room besides; else they are blended with braking (:func:`blend`) by the room that the
+    hardest stop leaves, and by how hard a stop has to be. If there is but one, the one between is half way.
 
     Into ``jerk`` (n,), the state after it into ``work.after``, the stop from there into ``work.next``: for the stored
     stop's that holds nothing of use.
@@ -165,36 +166,33 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
         Which one (see ``WANTED``); then code, robot capsule, other's number and time of what stood in the first one's
         way.
     """
-    count = settings.hardness.shape[0]
-    share = 1.0
-    if count > 1 and not same(wanted, work.clipped):
+    step, count, share = memory.arm[e]["step"], settings.hardness.shape[0], 1.0
+    if count > 1 and _differ(wanted, work.clipped):
         share = share_of(room_behind(robot, settings, memory, wanted, work, e))
     copy(wanted, jerk)
     why, row, column, moment = keeps_safe(robot, settings, memory, jerk, 0, work, e)
     if why == SAFE and share == 1.0:
         return WANTED, why, row, column, moment
-    if count > 1:
-        if why != SAFE:
-            hardness, code, other_row, other_column, other_moment = softest(robot, settings, memory, jerk, 1, work, e)
-            if hardness == count:
-                why, row, column, moment = code, other_row, other_column, other_moment
-                share = 0.0
-            else:
-                room = share_of(room_behind(robot, settings, memory, wanted, work, e))
-                share = min(room, (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0]))
-        if share > 0.0:
-            blend(memory, wanted, share, settings.stop_limits, jerk, e)
-            hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, work, e)
-            if hardness < count:
-                return GRADED, why, row, column, moment
-    stop_jerk(memory.stored[e], memory.arm[e]["step"], jerk)
+    if count > 1 and why != SAFE:
+        hardness, code, other_row, other_column, other_moment = softest(robot, settings, memory, jerk, 1, work, e)
+        if hardness == count:
+            why, row, column, moment, share = code, other_row, other_column, other_moment, 0.0
+        else:
+            share = share_of(room_behind(robot, settings, memory, wanted, work, e))
+            share = min(share, (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0]))
+    if count > 1 and share > 0.0:
+        blend(memory, wanted, share, settings.stop_limits, jerk, e)
+        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, work, e)
+        if hardness < count:
+            return GRADED, why, row, column, moment
+    stop_jerk(memory.stored[e], step, jerk)
     if count == 1:
         for j in range(jerk.shape[0]):
             jerk[j] = representable((jerk[j] + wanted[j]) / 2.0, settings.stop_limits[4, j])
-        why_not, _, _, _ = keeps_safe(robot, settings, memory, jerk, 0, work, e)
-        if why_not == SAFE:
+        half, _, _, _ = keeps_safe(robot, settings, memory, jerk, 0, work, e)
+        if half == SAFE:
             return HALFWAY, why, row, column, moment
-        stop_jerk(memory.stored[e], memory.arm[e]["step"], jerk)
+    stop_jerk(memory.stored[e], step, jerk)
     integrate(memory.state[e], jerk, settings.dt, work.after)
     return STORED, why, row, column, moment
 

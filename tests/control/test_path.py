@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from jssa_gym.control import plan_move, plan_waypoints
 from jssa_gym.control.path import ASTRAY, FASTER, HURRY, SLOWER, PacedPath
@@ -246,3 +247,23 @@ def test_at_the_end_of_the_range_only_what_can_still_be_stopped_is_offered() -> 
             for j in range(6):
                 assert recoverable(*state[:, j], jerk[j], tuple(BOUNDS[:, j]), DT)
     assert 0 < refused < len(plan)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    arrays(np.float64, (3, 6), elements=st.floats(allow_nan=True, allow_infinity=True)),
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.integers(-3, 12),
+)
+def test_garbage_is_offered_nothing_and_garbage_that_was_taken_moves_nothing(state, margin, choice) -> None:
+    path = PacedPath(PLANS[0], LIMITS)
+    jerks = path.alternatives(state, margin)
+    assert len(jerks) == 0 or not path.astray(state)
+    path.took(choice)
+    if not 0 <= choice < len(jerks):
+        assert path.ticks == 0
+        assert path.reference[0] == pytest.approx(PLANS[0].states[0, 0], abs=0.0)
+    offered = path.alternatives(PLANS[0].states[0], np.inf)
+    assert (np.abs(offered) <= LIMITS.jerk * (1 + 1e-9)).all()
+    path.took(len(offered))
+    assert path.ticks == 0

@@ -523,3 +523,16 @@ def test_play_keeps_no_recording_of_what_was_right(tmp_path):
     assert episode.judged
     assert episode.agrees
     assert not chunk.traces.exists()
+
+
+def test_a_campaign_s_jpc_offers_the_shield_its_path() -> None:
+    """It looks at the bare environment; the shield that takes the path is around it."""
+    campaign = Campaign((Grid(("stop",), ("none",), ("jpc",)),), task="reach")
+    (cell,) = campaign.seeds()
+    env = campaign.make_env(cell)
+    policy, choices = campaign.make_policy(cell, env, 0), set()
+    observation, _ = env.reset(seed=0)
+    for _ in range(60):
+        observation, *_, info = env.step(policy(observation))
+        choices.add(info["shield/choice"])
+    assert 0 in choices
