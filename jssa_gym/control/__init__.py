@@ -4,8 +4,10 @@ from jssa_gym.control.cascade import Cascade
 from jssa_gym.control.commands import Commands, JPCAction
 from jssa_gym.control.jpc import JPC, Event, Phase
 from jssa_gym.control.moves import plan_approach, plan_brake, plan_move
+from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan, plan_waypoints
 from jssa_gym.control.resolved import ResolvedRates
+from jssa_gym.control.yielding import YieldingJPC
 
 __all__ = [
     "JPC",
@@ -13,9 +15,11 @@ __all__ = [
     "Commands",
     "Event",
     "JPCAction",
+    "PacedPath",
     "Phase",
     "Plan",
     "ResolvedRates",
+    "YieldingJPC",
     "plan_approach",
     "plan_brake",
     "plan_move",

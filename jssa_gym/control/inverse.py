@@ -8,7 +8,8 @@ from jssa_gym.kernels.chain import forward, jacobian, tool_motion
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.postures import clearances
-from jssa_gym.types import Array, Planes
+from jssa_gym.safety.proximity import measure
+from jssa_gym.types import Array, CapsuleSet, JointState, Planes
 from jssa_gym.validation import real_array
 
 PRECISION = 1e-5
@@ -26,6 +27,9 @@ _STALL = 12
 
 _PULL = 0.1
 """Share of the way back to the present posture that every step takes where it does not move the tool."""
+
+_EVERY = 0.02
+"""No joint moves further between two postures of a motion that are looked at [rad]."""
 
 
 def _tip_and_jacobian(robot: RobotModel, posture: Array) -> tuple[Array, Array]:
@@ -84,12 +88,35 @@ def farther_than_stretched(robot: RobotModel, point: Array) -> bool:
 
 def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, clear: float) -> bool:
     """Whether the straight way in joint space, every 0.02 rad of it, stays clear or comes no closer than it starts."""
-    count = max(2, int(np.ceil(np.abs(goal - start).max() / 0.02)) + 1)
+    count = max(2, int(np.ceil(np.abs(goal - start).max() / _EVERY)) + 1)
     least = min(clear, *clearances(robot, start, planes))
     return all(
         min(clearances(robot, start + share * (goal - start), planes)) >= least
         for share in np.linspace(1.0, 0.0, count)[:-1]
     )
+
+
+def path_is_clear(robot: RobotModel, positions: Array, planes: Planes, static: CapsuleSet, clear: float) -> bool:
+    """Whether a whole motion stays clear of what stands still and of the arm itself, or comes no closer than it starts.
+
+    Args:
+        robot: The arm, where it stands.
+        positions: Of the joints along the motion, shape (m, n) [rad]; every 0.02 rad is looked at.
+        planes: Half-spaces.
+        static: Capsules that stand still.
+        clear: Distance to all of them [m].
+    """
+    zero = np.zeros(robot.n)
+
+    def gap(position: Array) -> float:
+        near = measure(robot, JointState(position, zero, zero), static, planes)
+        return min(near.smallest, float(near.planes.min(initial=np.inf)), float(near.own.min(initial=np.inf)))
+
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(positions, axis=0)).max(axis=1))])
+    at = np.linspace(0.0, way[-1], int(np.ceil(way[-1] / _EVERY)) + 1)
+    postures = np.array([np.interp(at, way, joint) for joint in positions.T]).T
+    least = min(clear, gap(positions[0]))
+    return all(gap(posture) >= least for posture in postures[::-1])
 
 
 def postures_for(

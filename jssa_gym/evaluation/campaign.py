@@ -25,6 +25,7 @@ from jssa_gym.evaluation.contenders import (
 from jssa_gym.evaluation.judgement import Excess, Judgement
 from jssa_gym.evaluation.people import MULTIPLES, PEOPLE
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
+from jssa_gym.evaluation.policy import make_policy
 from jssa_gym.evaluation.rows import Cell, Row, StressRow, digest_of, states_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, Policy
@@ -109,7 +110,7 @@ class Campaign(EpisodePlan[StressRow]):
         return shielded(env, cell.filter, cell.fault)
 
     def make_policy(self, cell: Cell, env: gym.Env, seed: int) -> Policy:
-        return POLICIES[cell.policy](env.unwrapped, seed)
+        return make_policy(cell.policy, env.unwrapped, seed, seen=env)
 
     def measure(self, cell: Cell, seed: int, trace: Trace, robot: RobotModel, begin: float) -> StressRow:
         counts = np.bincount(trace.status, minlength=len(Status)).tolist()

@@ -10,7 +10,7 @@ import gymnasium as gym
 
 from jssa_gym.evaluation.identity import code_digest
 from jssa_gym.exceptions import ParameterError, PolicyFileError
-from jssa_gym.policies import POLICIES, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
+from jssa_gym.policies import POLICIES, JPCPolicy, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
 from jssa_gym.policies.model import ModelPolicy
 
 
@@ -27,7 +27,8 @@ def make_policy(
             observation to action.
         env: The environment that it acts in, which named policies look into.
         seed: Of what it draws.
-        seen: The same environment with the wrappers whose observations it gets; by default ``env``.
+        seen: The same environment with the wrappers whose observations it gets; by default ``env``. A policy that
+            yields offers its paths to the shield among them.
         trust_pickle: See :func:`~jssa_gym.policies.load_policy`.
 
     Raises:
@@ -40,6 +41,8 @@ def make_policy(
         return ModelPolicy(policy, env if seen is None else seen)
     if not callable(policy):
         raise ParameterError(f"a policy is a name, a file, 'module:factory', a model or a callable, got {policy!r}")
+    if isinstance(policy, JPCPolicy) and seen is not None:
+        policy.offer_to(seen)
     if isinstance(policy, LearnedPolicy):
         policy.check(env if seen is None else seen)
     return policy

@@ -76,7 +76,7 @@ def deliver(wrap: Callable[[gym.Env], gym.Env], name: str, steps: int = STEPS) -
     """
     env = wrap(gym.make("jssa_gym/Handover-v0", human=recipient(), terminate_on=(), max_episode_steps=steps))
     base: Any = env.unwrapped
-    controller, goals, asked = JPCPolicy(env, seed=0), [], []
+    controller, goals, asked = JPCPolicy(env, seed=0, yielding=False), [], []
 
     def policy(observation: Any) -> Array:
         action = np.zeros(base.robot.n) if base.scene.time < BEGIN else controller(observation)

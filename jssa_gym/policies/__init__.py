@@ -25,6 +25,10 @@ def _hold(env: gym.Env, seed: int | None = None) -> HoldPolicy:
     return HoldPolicy(env)
 
 
+def _jpc_paper(env: gym.Env, seed: int | None = None) -> JPCPolicy:
+    return JPCPolicy(env, seed, yielding=False)
+
+
 def _straight(env: gym.Env, seed: int | None = None) -> StraightPolicy:
     return StraightPolicy(env)
 
@@ -38,6 +42,7 @@ POLICIES: dict[str, Callable[[gym.Env, int | None], Policy]] = {
     "limit_seeking": LimitSeekingPolicy,
     "chase": ChasePolicy,
     "jpc": JPCPolicy,
+    "jpc_paper": _jpc_paper,
     "straight": _straight,
 }
 """Policies by name: called with the environment and a seed."""

@@ -1,29 +1,27 @@
-"""The paper's nominal controller as a policy: it plans, is interrupted, and resumes."""
+"""The position controller as a policy: it plans, and yields along its path or resumes, as in the paper."""
 
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from jssa_gym.control.inverse import postures_for, way_is_clear
+from jssa_gym.control.inverse import path_is_clear, postures_for, way_is_clear
 from jssa_gym.control.jpc import JPC, Phase, Request
 from jssa_gym.control.least_jerk import FEWEST
 from jssa_gym.control.moves import plan_approach, plan_move, within_range
+from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan, plan_waypoints
-from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
+from jssa_gym.control.yielding import YieldingJPC
+from jssa_gym.exceptions import InfeasibleError, InterfaceError, ParameterError, UnreachableError
+from jssa_gym.policies.delays import Delay, drawn_delay
 from jssa_gym.robots import JointLimits
-from jssa_gym.types import Array, JointState
-from jssa_gym.validation import low_high, positive_number
+from jssa_gym.types import Array, JointState, Scene
+from jssa_gym.validation import positive_number, true_or_false
 
 _logger = logging.getLogger(__name__)
-
-Delay = float | tuple[float, float] | Callable[[np.random.Generator], float]
-"""Of the host [s]: a number, a range to draw from, or what draws it; infinity for an answer that never comes."""
-
 
 _SLOWER = 0.7
 """By which speed and acceleration are reduced after an interruption that came before the next waypoint."""
@@ -33,6 +31,10 @@ _SLOWEST = 0.15
 
 _HURRY = 0.85
 """Share of the period between waypoints once the schedule was interrupted: it may be again."""
+
+
+_SPARING = 0.7
+"""Share of the acceleration and jerk limits that a plan that is to yield takes: the rest is for changes of its pace."""
 
 
 class JPCPolicy:
@@ -46,6 +48,12 @@ class JPCPolicy:
     kept at the robot's home. Interrupted again and again on the way to the same waypoint, it goes there more slowly
     every time: what a shield refuses at full speed it may grant at less.
 
+    It yields: inside a shield it offers its path (:class:`~jssa_gym.control.path.PacedPath`), which the shield slows
+    the arm down along; that is no interruption. Thrown off it, the arm rejoins it ahead without coming to rest. Plans
+    are checked as a whole against what stands still, and take 0.7 of the acceleration and jerk limits if that will do.
+    With ``yielding=False`` it is the paper's: any jerk that is not its own ends the plan, and after a stop there is a
+    new one.
+
     It has to be called in every tick, so not outside of an :class:`~jssa_gym.ActionRepeat`.
 
     Args:
@@ -55,6 +63,7 @@ class JPCPolicy:
         tolerance: How far a goal of the tool may move before there is a new plan [m].
         clear: Distance that postures and ways keep from half-spaces and the arm from itself, where they can [m].
         patience: See :class:`~jssa_gym.control.jpc.JPC`.
+        yielding: Whether it yields along its path, or is interrupted as in the paper.
 
     Raises:
         ParameterError: An argument is out of range.
@@ -69,13 +78,14 @@ class JPCPolicy:
         tolerance: float = 0.01,
         clear: float = 0.01,
         patience: float = 2.5,
+        yielding: bool = True,
     ) -> None:
         self._env, self._rng = env, np.random.default_rng(seed)
+        self.offer_to(env)
         self._robot = env.get_wrapper_attr("robot")
         self._dt = float(env.get_wrapper_attr("dt"))
-        self._delay = _delay(host_delay)
+        self._delay = drawn_delay(host_delay)
         self._tolerance, self._clear = positive_number("tolerance", tolerance), positive_number("clear", clear)
-        self.jpc = JPC(self._robot.limits, self._dt, patience=patience)
         self._jerk_bound = np.array(self._robot.limits.jerk)
         task = getattr(env.unwrapped, "task", None)
         self._tip = getattr(task, "space", "joints") == "tip"
@@ -83,6 +93,12 @@ class JPCPolicy:
         # up to the grid; what a tick's rounding adds is nobody's lateness
         self._period = None if period is None else math.ceil(period / self._dt - 1e-6) * self._dt
         self._near = 0.0 if period is None else float(getattr(task, "tolerance", 0.0))
+        self._yields = true_or_false("yielding", yielding)
+        limits = self._robot.limits
+        self.jpc: JPC = JPC(limits, self._dt, patience=patience)
+        if self._yields:
+            self.jpc = YieldingJPC(limits, self._dt, self._is_clear, schedule=period is not None, patience=patience)
+        self._scene: Scene | None = None
         self._time = np.inf
 
     def _restart(self) -> None:
@@ -98,7 +114,7 @@ class JPCPolicy:
 
     def __call__(self, observation: Any) -> Array:
         """The next jerk of the buffer as a share of the jerk bounds, shape (n,)."""
-        scene = self._env.get_wrapper_attr("scene")
+        self._scene = scene = self._env.get_wrapper_attr("scene")
         if scene.time <= self._time:  # a clock that went back is a new episode's
             self._restart()
         self._time = scene.time
@@ -112,6 +128,8 @@ class JPCPolicy:
         state = scene.robot
         self._look_around(state.position)
         jerk = self.jpc.step(np.array((state.position, state.velocity, state.acceleration)))
+        if isinstance(self.jpc, YieldingJPC) and self.jpc.path is not None:
+            self._offer(self.jpc.path)
         request = self.jpc.request
         if request is not None and request is not self._seen:
             self._choose_share(request)
@@ -122,6 +140,26 @@ class JPCPolicy:
         self._done = self._done or self.jpc.phase is Phase.IDLE
         self._tick += 1
         return np.clip(jerk / self._jerk_bound, -1.0, 1.0)  # rounding
+
+    def offer_to(self, env: gym.Env) -> None:
+        """Offer paths to the shield among the wrappers of ``env``, which need not be what the policy looks at."""
+        self._take = env.get_wrapper_attr("offer") if env.has_wrapper_attr("offer") else None
+
+    def _offer(self, path: PacedPath) -> None:
+        """Have a shield choose among the path's alternatives; without one, the first is what is applied."""
+        try:
+            if self._take is not None:
+                self._take(path)
+                return
+        except InterfaceError:  # a filter with a decide of its own, which only knows the action
+            _logger.info("the shield takes no path; it is interrupted as by hand")
+            self._take = None
+        path.took(0)
+
+    def _is_clear(self, positions: Array) -> bool:
+        """Whether a motion is clear of what stands still now."""
+        scene = self._scene
+        return scene is None or path_is_clear(self._robot, positions, scene.planes, scene.static, self._clear)
 
     def _look_around(self, position: Array) -> None:
         """Count the waypoints that the arm comes near, whoever commands it."""
@@ -149,6 +187,23 @@ class JPCPolicy:
         if self._share == 1.0 or np.any(state.velocity):
             return full
         return JointLimits(full.position, self._share * full.velocity, self._share * full.acceleration, full.jerk)
+
+    def _made(self, limits: JointLimits, make: Callable[[JointLimits], Plan]) -> Plan:
+        """A plan within the limits; one that is to yield with room to do so if possible, and clear all the way.
+
+        Raises:
+            InfeasibleError: There is none.
+        """
+        if not self._yields:
+            return make(limits)
+        spared = JointLimits(limits.position, limits.velocity, _SPARING * limits.acceleration, _SPARING * limits.jerk)
+        try:
+            plan = make(spared)
+        except InfeasibleError:
+            plan = make(limits)
+        if not self._is_clear(plan.states[:, 0]):
+            raise InfeasibleError("on its way the arm would touch the table, what stands around or itself")
+        return plan
 
     def _has_moved(self, goal: Array) -> bool:
         if not self._tip:
@@ -185,26 +240,33 @@ class JPCPolicy:
 
     def _to_point(self, state: JointState, point: Array, planes: Any) -> Plan:
         robot = self._robot
-        if np.any(state.velocity):
+        slowed = isinstance(self.jpc, YieldingJPC) and self.jpc.path is not None
+        if slowed or np.any(state.velocity):
             # a goal that moves while the arm does: the nearest posture goes on from the present one
             postures = postures_for(robot, point, planes, state.position, self._rng, restarts=0, clear=self._clear)
-            return plan_approach(state, postures[0], self._limits(state), self._dt)
+            return self._made(self._limits(state), lambda limits: plan_approach(state, postures[0], limits, self._dt))
         postures = postures_for(robot, point, planes, state.position, self._rng, clear=self._clear)
         for posture in postures:
             if way_is_clear(robot, state.position, posture, planes, self._clear):
-                return plan_move(state.position, posture, self._limits(state), self._dt)
+                return self._made(
+                    self._limits(state), lambda limits, to=posture: plan_move(state.position, to, limits, self._dt)
+                )
         return self._to_posture(state, postures[0], planes)
 
     def _to_posture(self, state: JointState, posture: Array, planes: Any) -> Plan:
-        robot, dt, limits = self._robot, self._dt, self._limits(state)
-        home, clear = np.array(robot.home), self._clear
-        if np.any(state.velocity) or way_is_clear(robot, state.position, posture, planes, clear):
-            return plan_approach(state, posture, limits, dt)
-        round_about = way_is_clear(robot, state.position, home, planes, clear)
-        if round_about and way_is_clear(robot, home, posture, planes, clear):
-            via = plan_move(state.position, home, limits, dt).then(plan_move(home, posture, limits, dt))
+        robot, dt, clear, start = self._robot, self._dt, self._clear, state.position
+        home = np.array(robot.home)
+        if np.any(state.velocity) or way_is_clear(robot, start, posture, planes, clear):
+            return self._made(self._limits(state), lambda limits: plan_approach(state, posture, limits, dt))
+        round_about = way_is_clear(robot, start, home, planes, clear)
+        if not (round_about and way_is_clear(robot, home, posture, planes, clear)):
+            return self._made(self._limits(state), lambda limits: plan_move(start, posture, limits, dt))
+
+        def by_home(limits: JointLimits) -> Plan:
+            via = plan_move(start, home, limits, dt).then(plan_move(home, posture, limits, dt))
             return Plan(dt, via.jerk, via.states, via.marks[-1:])
-        return plan_move(state.position, posture, limits, dt)
+
+        return self._made(self._limits(state), by_home)
 
     def _through(self, state: JointState, waypoints: Array, planes: Any) -> Plan:
         """Waypoints a period apart; from too far away, or after an interruption, first to the next one, fast.
@@ -213,50 +275,22 @@ class JPCPolicy:
         """
         if self._period is None:
             raise ParameterError("waypoints need task.period, the time between them [s]")
-        limits, dt = self._limits(state), self._dt
+        dt, period = self._dt, self._period
         if not self._late:
             try:
-                return plan_waypoints(state, waypoints, self._period, limits, dt, shortest=False)
+                return self._made(
+                    self._limits(state),
+                    lambda limits: plan_waypoints(state, waypoints, period, limits, dt, shortest=False),
+                )
             except InfeasibleError:
                 pass
         first = self._to_posture(state, waypoints[0], planes)
         if len(waypoints) == 1:
             return first
-        rest = JointState(waypoints[0], np.zeros(len(limits.jerk)), np.zeros(len(limits.jerk)))
-        period = max(round(_HURRY * self._period / dt), FEWEST) * dt if self._late else self._period
-        later = plan_waypoints(rest, waypoints[1:], period, self._robot.limits, dt, stretch=True)
+        rest = JointState(waypoints[0], *np.zeros((2, self._robot.n)))
+        if self._late:
+            period = max(round(_HURRY * period / dt), FEWEST) * dt
+        later = self._made(
+            self._robot.limits, lambda limits: plan_waypoints(rest, waypoints[1:], period, limits, dt, stretch=True)
+        )
         return first.then(later)
-
-
-@dataclass(frozen=True, slots=True)
-class _Between:
-    """Draws the host's delay evenly; like a constant one a class, since what stands in a function is never pickled."""
-
-    low: float
-    high: float
-
-    def __call__(self, rng: np.random.Generator) -> float:
-        return float(rng.uniform(self.low, self.high))
-
-
-@dataclass(frozen=True, slots=True)
-class _Always:
-    """A delay that draws nothing."""
-
-    delay: float
-
-    def __call__(self, rng: np.random.Generator) -> float:
-        return self.delay
-
-
-def _delay(host_delay: Delay) -> Callable[[np.random.Generator], float]:
-    if isinstance(host_delay, tuple):
-        return _Between(*low_high("host_delay", host_delay))
-    if isinstance(host_delay, int | float | np.integer | np.floating) and not isinstance(host_delay, bool):
-        delay = float(host_delay)
-        if not delay >= 0.0:
-            raise ParameterError(f"host_delay has to be at least 0, got {host_delay!r}")
-        return _Always(delay)
-    if not callable(host_delay):
-        raise ParameterError(f"host_delay has to be a number, (low, high) or a function, got {host_delay!r}")
-    return host_delay

@@ -12,7 +12,7 @@ from jssa_gym.types import Array
 
 @runtime_checkable
 class Path(Protocol):
-    """A motion that can be slowed down along itself."""
+    """A motion that can be slowed down along itself, such as :class:`jssa_gym.control.PacedPath`."""
 
     @property
     def override(self) -> float:

@@ -59,7 +59,7 @@ def _jssa_near(
 
 PROFILES: dict[str, AheadParams] = {"work": AheadParams(horizon=0.7), "yield": AheadParams(horizon=1.2)}
 """Whole shields by what they are for: the short horizon of ``work`` is for getting things done, the long one of
-``yield`` for giving way early. By these names they have viability box and verified stop around them."""
+``yield`` for giving way early. They give way gradually and, by these names, have viability box and verified stop."""
 
 
 def _profile(name: str) -> Build:
@@ -67,7 +67,7 @@ def _profile(name: str) -> Build:
         robot: RobotModel, dt: float, params: Any = None, /, *, viability: bool = True, failsafe: Any = None
     ) -> SafetyFilter:
         """A profile's look-ahead filter, whole."""
-        assumed = FailsafeParams() if failsafe is None else failsafe
+        assumed = replace(FailsafeParams() if failsafe is None else failsafe, graded=True)
         return AheadFilter(
             robot, dt, PROFILES[name] if params is None else params, viability=True, failsafe=assumed
         )  # fmt: skip

@@ -240,7 +240,7 @@ class JSSAShield(Shield):
     Args:
         env: The environment; see :class:`Shield` for what it has to offer.
         profile: ``"paper"`` for JSSA; ``"work"`` and ``"yield"`` for look-ahead filters with a short and a
-            long horizon; see :data:`~jssa_gym.shields.registry.PROFILES`.
+            long horizon, whose stops give way gradually; see :data:`~jssa_gym.shields.registry.PROFILES`.
         horizon: How far those two look ahead [s], None for their own.
         lambda1: :math:`\lambda_1` [m·s].
         lambda2: :math:`\lambda_2` [m·s²].
@@ -282,6 +282,7 @@ class JSSAShield(Shield):
         options = JSSAOptions.of(
             options, gradient=gradient, projector=projector, weight=weight, static_rows=static_rows, sliding=sliding
         )
+        given = failsafe
         if isinstance(failsafe, Mapping):
             failsafe = FailsafeParams.of(failsafe)
         gym.utils.RecordConstructorArgs.__init__(
@@ -305,7 +306,11 @@ class JSSAShield(Shield):
                 "horizon is of the others"
             )
         if profile != "paper":
+            # a mapping says what differs from the profile's own
+            graded = failsafe is True or (isinstance(given, Mapping) and "graded" not in given)
             assumed = _assumptions("failsafe", failsafe)
+            if graded and assumed is not None:
+                assumed = replace(assumed, graded=True)
             params = replace(PROFILES[profile], d_min=d_min)
             if horizon is not None:
                 params = replace(params, horizon=horizon)

@@ -29,6 +29,12 @@ WANTED, HALFWAY, STORED, GRADED = range(4)
 """Which jerk was chosen: what was proposed, one half way to the stored stop's, the stored stop's, or what was proposed
 blended with braking."""
 
+SOFT = 2
+"""As many of the softest stops may stand behind an alternative; where there is but one hardness, that one."""
+
+EASY = 0.05
+"""Room to people from which on nothing is slowed down [m], see :func:`~jssa_gym.kernels.margin.margin`."""
+
 
 @jit
 def unfit_answer(jerk, nominal, forwarded, limit, work):
@@ -122,25 +128,38 @@ def softest(robot, settings, memory, jerk, first, work, e):
 
 
 @jit
-def blend(settings, memory, wanted, hardness, jerk, work, e):
-    """What is wanted, turned towards braking the more the harder a stop behind it has to be, into ``jerk`` (n,).
+def share_of(room):
+    """How much of what is wanted counts where the hardest stop leaves so much room to people [m]; at NaN nothing."""
+    return min(max(room / EASY, 0.0), 1.0) if room > 0.0 else 0.0
 
-    With :math:`c_1` the softest hardness and b the first jerk of a stop of hardness c from the present,
-    :math:`u = b + (1 - c) / (1 - c_1) (u_w - b)`: beside people an arm is slowed down by and by, not all at once.
+
+@jit
+def blend(memory, wanted, share, limits, jerk, e):
+    r"""What is wanted, turned towards the stored stop, into ``jerk`` (n,): :math:`u = b + w (u_w - b)`.
+
+    With b the stored stop's jerk and w the share: beside people an arm is slowed down by and by, not all at once, and
+    what is left at share 0 is the stop that goes on.
     """
-    plan_stop(memory.state[e], settings.soft_limits[hardness], settings.dt, work.next)
-    stop_jerk(work.next, 0, jerk)
-    share = (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0])
+    stop_jerk(memory.stored[e], memory.arm[e]["step"], jerk)
     for j in range(jerk.shape[0]):
-        jerk[j] = representable(jerk[j] + share * (wanted[j] - jerk[j]), settings.stop_limits[4, j])
+        jerk[j] = representable(jerk[j] + share * (wanted[j] - jerk[j]), limits[4, j])
+
+
+@jit
+def _differ(one, other):
+    most = 0.0
+    for j in range(one.shape[0]):
+        most = max(most, abs(one[j] - other[j]))
+    return most > 0.0
 
 
 @jit
 def choose(robot, settings, memory, wanted, jerk, work, e):
-    """The first verified one of: the wanted jerk, the jerk half way to the stored stop's, the stored stop's.
+    """The first verified one of: the wanted jerk, one between it and the stored stop's, the stored stop's.
 
-    If there are stops of several hardness, the wanted jerk is applied as it is only before a soft one, and blended with
-    braking before a harder one.
+    If there are stops of several hardness, the nominal is applied as it is only before the softest, and what a filter
+    wants only where there is room besides; else they are blended with braking (:func:`blend`) by the room that the
+    hardest stop leaves, and by how hard a stop has to be. If there is but one, the one between is half way.
 
     Into ``jerk`` (n,), the state after it into ``work.after``, the stop from there into ``work.next``: for the stored
     stop's that holds nothing of use.
@@ -149,27 +168,32 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
         Which one (see ``WANTED``); then code, robot capsule, other's number and time of what stood in the first one's
         way.
     """
-    step = memory.arm[e]["step"]
+    step, count, share = memory.arm[e]["step"], settings.hardness.shape[0], 1.0
+    if count > 1 and _differ(wanted, work.clipped):
+        share = share_of(room_behind(robot, settings, memory, wanted, work, e))
     copy(wanted, jerk)
     why, row, column, moment = keeps_safe(robot, settings, memory, jerk, 0, work, e)
-    if why == SAFE:
+    if why == SAFE and share == 1.0:
         return WANTED, why, row, column, moment
-    count = settings.hardness.shape[0]
-    if count > 1:
+    if count > 1 and why != SAFE:
         hardness, code, other_row, other_column, other_moment = softest(robot, settings, memory, jerk, 1, work, e)
-        if hardness < count:
-            blend(settings, memory, wanted, hardness, jerk, work, e)
-            hardness, _, _, _, _ = softest(robot, settings, memory, jerk, hardness - 1, work, e)
-            if hardness < count:
-                return GRADED, why, row, column, moment
+        if hardness == count:
+            why, row, column, moment, share = code, other_row, other_column, other_moment, 0.0
         else:
-            why, row, column, moment = code, other_row, other_column, other_moment
+            share = share_of(room_behind(robot, settings, memory, wanted, work, e))
+            share = min(share, (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0]))
+    if count > 1 and share > 0.0:
+        blend(memory, wanted, share, settings.stop_limits, jerk, e)
+        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, work, e)
+        if hardness < count:
+            return GRADED, why, row, column, moment
     stop_jerk(memory.stored[e], step, jerk)
-    for j in range(jerk.shape[0]):
-        jerk[j] = representable((jerk[j] + wanted[j]) / 2.0, settings.stop_limits[4, j])
-    hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, work, e)
-    if hardness < count:
-        return HALFWAY, why, row, column, moment
+    if count == 1:
+        for j in range(jerk.shape[0]):
+            jerk[j] = representable((jerk[j] + wanted[j]) / 2.0, settings.stop_limits[4, j])
+        half, _, _, _ = keeps_safe(robot, settings, memory, jerk, 0, work, e)
+        if half == SAFE:
+            return HALFWAY, why, row, column, moment
     stop_jerk(memory.stored[e], step, jerk)
     integrate(memory.state[e], jerk, settings.dt, work.after)
     return STORED, why, row, column, moment
@@ -215,9 +239,12 @@ def confirm(robot, settings, memory, work, answer, e):
 
 @jit
 def admits(robot, settings, memory, jerk, work, answer, e):
-    """Whether a stop of some hardness behind ``jerk`` (n,) is verified, which then is the stored one."""
+    """Whether a soft stop behind ``jerk`` (n,) is verified, which then is the stored one.
+
+    Before a harder one, an arm is better slowed down by and by (:func:`choose`) than let go on until braking jumps.
+    """
     hardness, code, row, column, moment = softest(robot, settings, memory, jerk, 0, work, e)
-    if hardness == settings.hardness.shape[0]:
+    if code != SAFE or hardness >= SOFT:
         return False
     told = answer.told[e]
     told["chosen"], told["detail"] = WANTED, code

@@ -15,6 +15,7 @@ from jssa_gym.kernels.vector import copy, copy_rows, fill, fill_rows
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.tick import codes
 from jssa_gym.tick.admit import (
+    GRADED,
     WANTED,
     admits,
     confirm,
@@ -267,6 +268,9 @@ def _conclude(robot, settings, memory, work, answer, e):
     if told["chosen"] == WANTED:
         return
     what = told["detail"]
+    told["slack"] = np.nan
+    if told["chosen"] == GRADED and what == verification.SAFE:
+        return  # nothing is in the way: what the filter wants, slowed down where there is little room
     told["status"], told["code"] = codes.FAILSAFE, codes.MEETS
     if what == verification.LIMITS:
         told["code"] = codes.LIMITS
@@ -276,7 +280,6 @@ def _conclude(robot, settings, memory, work, answer, e):
         told["code"] = codes.REACH
     if not memory.arm[e]["verified"]:
         told["status"], told["unverified"] = codes.FAULT, True
-    told["slack"] = np.nan
 
 
 @jit

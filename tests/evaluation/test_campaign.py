@@ -293,7 +293,8 @@ def test_what_is_within_the_assumptions():
         for grid in PRESETS[name]:
             assert all(within_assumptions(h, f) for h in grid.humans for f in grid.faults)
     assert sum(len(seeds) for seeds in Campaign(PRESETS["claim"]).seeds().values()) >= 10_000
-    assert set(PRESETS["claim"][0].policies) == set(POLICIES) - {"jpc", "straight"}  # baselines, not out for trouble
+    baselines = {"jpc", "jpc_paper", "straight"}  # not out for trouble
+    assert set(PRESETS["claim"][0].policies) == set(POLICIES) - baselines
     assert {f"unmodelled {ms} ms" for ms in LATENCIES} < set(FAULTS)
     assert {cell.filter for grid in PRESETS["power"] for cell in grid.cells()} >= {
         name for name, contender in CONTENDERS.items() if contender.without
@@ -522,3 +523,16 @@ def test_play_keeps_no_recording_of_what_was_right(tmp_path):
     assert episode.judged
     assert episode.agrees
     assert not chunk.traces.exists()
+
+
+def test_a_campaign_s_jpc_offers_the_shield_its_path() -> None:
+    """It looks at the bare environment; the shield that takes the path is around it."""
+    campaign = Campaign((Grid(("stop",), ("none",), ("jpc",)),), task="reach")
+    (cell,) = campaign.seeds()
+    env = campaign.make_env(cell)
+    policy, choices = campaign.make_policy(cell, env, 0), set()
+    observation, _ = env.reset(seed=0)
+    for _ in range(60):
+        observation, *_, info = env.step(policy(observation))
+        choices.add(info["shield/choice"])
+    assert 0 in choices

@@ -167,7 +167,7 @@ def test_a_period_that_is_too_short_is_stretched():
 def interrupted(at, ticks=5):
     """Track without people; from ``at(env)`` on somebody brakes the arm for some ticks. Last info, first request."""
     env = ArmEnv(Track(), human="none", terminate_on=())
-    policy = JPCPolicy(env, 0, host_delay=0.0)
+    policy = JPCPolicy(env, 0, host_delay=0.0, yielding=False)
     observation, _ = env.reset(seed=0)
     left, begun, request = ticks, False, None
     for _ in range(1000):
@@ -306,7 +306,7 @@ def resumed(seed, shielded=True):
     person = Visitor(start=1.5, nearest=(0.62, 0.75), wait=(0.0, 0.5), speed=(0.5, 0.8), stay=(0.5, 1.5))
     base = ArmEnv(Tour(), human=person, terminate_on=())
     env = jssa_gym.JSSAShield(base) if shielded else base
-    policy = JPCPolicy(env, seed, host_delay=float(rng.uniform(0.0, 2.0)))
+    policy = JPCPolicy(env, seed, host_delay=float(rng.uniform(0.0, 2.0)), yielding=False)
     observation, _ = env.reset(seed=seed)
     interventions, yielded, moving_contact = 0, False, False
     for _ in range(4000):

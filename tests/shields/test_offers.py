@@ -1,6 +1,7 @@
 """Alternatives, and stops that give way gradually: anything may propose, only the verification admits."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,12 +15,11 @@ from strollers import ball
 import jssa_gym
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.humans import make_human
-from jssa_gym.kernels.records import STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.kernels.verification import SAFE
 from jssa_gym.safety.failsafe import HARDNESS, FailsafeParams
 from jssa_gym.shields import PROFILES, NoFilter, Shield, make_filter
-from jssa_gym.tick.admit import GRADED, WANTED, blend, choose
+from jssa_gym.tick.admit import EASY, GRADED, SOFT, WANTED, blend, choose, share_of
 from jssa_gym.tick.admit import keeps_safe as keeps_safe_by
 from jssa_gym.types import Status
 
@@ -251,24 +251,56 @@ def test_what_is_applied_before_a_softer_stop_is_followed_by_one(robot):
 
 
 def test_a_blend_is_what_its_formula_says(robot):
-    """At every hardness, from an arm that moves: b + (1 - c) / (1 - 0.4) (u - b), b the soft stop's first jerk."""
+    """b + w (u - b), b the jerk with which the stored stop goes on."""
     filter = make_filter("stop", robot, 0.008, failsafe=FailsafeParams(graded=True))
-    arms, bounds, rng = filter.records.view.arms, robot.limits.bounds(), np.random.default_rng(0)
-    for hardness, share in enumerate(HARDNESS):
+    memory, bounds, rng, first = filter.records.memory, robot.limits.bounds(), np.random.default_rng(0), np.zeros(6)
+    for share in (0.0, 0.25, 1.0):
         state = np.array([robot.home, rng.uniform(-0.3, 0.3, 6) * bounds[2], rng.uniform(-0.3, 0.3, 6) * bounds[3]])
-        filter.records.memory.state[0] = state
-        wanted, found, plan, first = rng.uniform(-1.0, 1.0, 6) * bounds[4], np.zeros(6), records(6, STOP), np.zeros(6)
-        soft = bounds.copy()
-        soft[3:] *= share
-        plan_stop(state, soft, 0.008, plan)
-        stop_jerk(plan, 0, first)
-        _blend(arms, wanted, hardness, found)
-        np.testing.assert_allclose(found, first + (1.0 - share) / 0.6 * (wanted - first), rtol=1e-12, atol=1e-9)
+        plan_stop(state, bounds, 0.008, memory.stored[0])
+        memory.arm[0]["step"] = step = int(rng.integers(0, 5))
+        stop_jerk(memory.stored[0], step, first)
+        wanted, found = rng.uniform(-1.0, 1.0, 6) * bounds[4], np.zeros(6)
+        _blend(filter.records.view.arms, wanted, share, found)
+        np.testing.assert_allclose(found, first + share * (wanted - first), rtol=1e-12, atol=1e-9)
 
 
 @njit
-def _blend(arms, wanted, hardness, jerk):
-    blend(arms.settings, arms.memory, wanted, hardness, jerk, arms.work, 0)
+def _blend(arms, wanted, share, jerk):
+    blend(arms.memory, wanted, share, arms.settings.stop_limits, jerk, 0)
+
+
+@pytest.mark.parametrize(
+    ("room", "share"), [(np.inf, 1.0), (EASY, 1.0), (EASY / 2, 0.5), (0.0, 0.0), (-np.inf, 0.0), (np.nan, 0.0)]
+)
+def test_the_share_of_the_room(room, share):
+    assert share_of(room) == pytest.approx(share, abs=1e-15)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 2**32 - 1))
+def test_an_alternative_has_a_verified_soft_stop_behind_it(seed):
+    """Beside somebody who comes, whoever offers what: what is taken is followed by one of the softest stops."""
+    rng, shield = np.random.default_rng(seed), _approached()
+    shield.reset(seed=seed % 7)
+    bound = shield.unwrapped.robot.limits.jerk
+    soft = shield.filter.records.settings.soft_limits[SOFT - 1]
+    way = rng.uniform(-1.0, 1.0, 6)
+    for _ in range(250):
+        before = shield.filter.expected.copy()
+        shield.offer(np.array([share * way * bound for share in (0.5, 0.1, -0.1, -0.5)]))
+        *_, info = shield.step(np.zeros(6))
+        assert info["contact_speed"] <= 1e-3
+        if info["shield/choice"] >= 0:
+            stop = shield.filter.records.memory.stored[0]
+            assert (np.abs(stop["jerk_in"]) <= soft[4] * (1 + 1e-9)).all()
+            assert not np.array_equal(before, shield.filter.expected)
+        if rng.random() < 0.05:
+            way = rng.uniform(-1.0, 1.0, 6)
+
+
+@cache
+def _approached():
+    return beside("stop", human=make_human("approach_retreat"), stop={"graded": True})
 
 
 def test_what_a_blend_is_verified_by_is_stored(robot):
@@ -288,6 +320,8 @@ def test_what_a_blend_is_verified_by_is_stored(robot):
         work.grown["start"] = work.grown["end"] = rng.uniform([-1.2, -1.2, 0.4], [1.2, 1.2, 1.8])
         work.grown["radius"] = 0.1
         wanted = rng.uniform(-1.0, 1.0, 6) * bounds[4]
+        work.clipped[:] = wanted
+        plan_stop(state, bounds, 0.008, memory.stored[0])
         codes = [_verified(arms, wanted, hardness) for hardness in range(len(HARDNESS))]
         which = _choose(arms, wanted, jerk)
         if which == GRADED:
@@ -332,9 +366,9 @@ def test_a_profile_is_the_same_by_every_door(profile):
     for filter in filters:
         assert filter.params == PROFILES[profile]
         assert filter.viability
-        assert filter.failsafe == FailsafeParams()
-    soft = jssa_gym.JSSAShield(env, profile=profile, horizon=0.3, failsafe={"graded": True, "human_speed": 1.0})
-    assert (soft.filter.params.horizon, soft.filter.failsafe) == (0.3, FailsafeParams(graded=True, human_speed=1.0))
+        assert filter.failsafe == FailsafeParams(graded=True)
+    bold = jssa_gym.JSSAShield(env, profile=profile, horizon=0.3, failsafe={"graded": False, "human_speed": 1.0})
+    assert (bold.filter.params.horizon, bold.filter.failsafe) == (0.3, FailsafeParams(human_speed=1.0))
     with pytest.raises(ParameterError, match="lambda1, lambda2, rows, recovery and options are of 'paper'"):
         jssa_gym.JSSAShield(env, profile=profile, lambda1=1.0)
 
