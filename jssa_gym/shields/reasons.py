@@ -77,6 +77,7 @@ REASONS: Mapping[int, str] = {
     302: "its stop takes too many checks",
     303: "... can reach ... before it rests",
     304: "... would meet ...",
+    305: "too little room to people",
     401: "nominal jerk is not finite",
     402: "joint state is not finite",
     403: "human measurement is not finite",

@@ -54,7 +54,7 @@ def in_words(told: Told, nominal: Array, robot: RobotModel, records: Records, re
         return f"slowed down: {obstacle}" if told.chosen == GRADED else obstacle
     if told.status != codes.FAULT:
         return REASONS[told.code]
-    if codes.LIMITS <= told.code <= codes.MEETS:
+    if codes.LIMITS <= told.code <= codes.CROWDED:
         return f"no verified stop: {_obstacle(told, robot, records, reading)}"
     reason = _fault(told, records, reading)
     if records.settings.guarded and told.code != codes.NOT_FINITE_NOMINAL and not np.isfinite(nominal).all():
@@ -79,6 +79,8 @@ def _obstacle(told: Told, robot: RobotModel, records: Records, reading: Reading)
         return f"no stop inside the joint limits{_outside(robot, records)}"
     if told.code == codes.UNDECIDED:
         return "its stop takes too many checks"
+    if told.code == codes.CROWDED:
+        return REASONS[told.code]
     part, when = robot.capsule_names[told.capsule], f"{told.moment:.3f} s"
     if told.detail == REACH:
         names = reading.names or ()

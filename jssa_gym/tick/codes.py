@@ -15,9 +15,9 @@ INFEASIBLE, RECOVERING, CORNERED = 201, 202, 203
 CUT_OFF, IMMOVABLE = 204, 205
 """The jerk bounds cut off the safe acceleration; no joint moves the pair."""
 
-LIMITS, UNDECIDED, REACH, MEETS = 301, 302, 303, 304
+LIMITS, UNDECIDED, REACH, MEETS, CROWDED = 301, 302, 303, 304, 305
 """No stop within the joint limits; one that takes too many checks; somebody can reach the arm; it would meet something
-(``other`` from 0 counts half-spaces, then static capsules, then the robot's own capsules)."""
+(``other`` from 0 counts half-spaces, then static capsules, then the robot's own capsules); little room is left."""
 
 NOT_FINITE_NOMINAL, NOT_FINITE_JOINTS, NOT_FINITE_PEOPLE, UNMEASURED = 401, 402, 403, 404
 """What is not finite: nominal, joints, people; somebody was not measured."""
