@@ -4,7 +4,7 @@ A policy that moves the tool centre point straight towards the goal, or the jerk
 shields that let the arm touch the hand at rest only or at some speed, and none. Paired: the same seeds, hence people.
 
     python benchmarks/handover.py --episodes 40
-    python benchmarks/handover.py --episodes 40 --policy jpc --only none "(1, 0.1)"
+    python benchmarks/handover.py --episodes 100 --policy jpc --seed 5000 --only "stop, "
 """
 
 import argparse
@@ -27,6 +27,9 @@ def shields():
             name = f"λ ({lambda1:g}, {lambda2:g}), " + ("no stop" if contact is None else f"contact {contact:g}")
             options = {"lambda1": lambda1, "lambda2": lambda2, "failsafe": failsafe}
             yield name, lambda env, options=options: jssa_gym.JSSAShield(env, **options)
+    for contact in (0.0, 0.1, 0.15, 0.2):
+        stop = jssa_gym.FailsafeParams(contact_speed={"right_arm": contact})
+        yield f"stop, contact {contact:g}", lambda env, stop=stop: jssa_gym.Shield(env, "stop", stop=stop)
     allowed = jssa_gym.FailsafeParams(contact_speed={"right_arm": 0.25})
     for d_min in (0.02, 0.09, 0.15):
         options = {"lambda1": 1.0, "lambda2": 0.1, "d_min": d_min, "failsafe": allowed}
@@ -52,7 +55,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--episodes", type=int, default=40)
     parser.add_argument("--seconds", type=float, default=8.0)
-    parser.add_argument("--policy", choices=("straight", "jpc"), default="straight")
+    parser.add_argument("--policy", choices=("straight", "jpc", "jpc_paper"), default="straight")
+    parser.add_argument("--seed", type=int, default=0, help="the first one")
     parser.add_argument("--only", nargs="*", default=[""], help="shields whose name contains one of these")
     parser.add_argument("--stay", type=float, help="how long the hand is held out [s]; the task's own without")
     arguments = parser.parse_args()
@@ -67,7 +71,7 @@ def main():
         human = None if arguments.stay is None else Receive(stay=(arguments.stay, arguments.stay))
         env = wrap(gym.make("jssa_gym/Handover-v0", human=human, terminate_on=(), max_episode_steps=steps + 1))
         policy = POLICIES[arguments.policy](env, 0)
-        seen = [play(env, policy, seed, steps) for seed in range(arguments.episodes)]
+        seen = [play(env, policy, seed, steps) for seed in range(arguments.seed, arguments.seed + arguments.episodes)]
         times = sorted(arguments.seconds if time is None else time for time, *_ in seen)
         won = sum(time is not None for time, *_ in seen)
         print(
