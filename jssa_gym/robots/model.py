@@ -1,5 +1,6 @@
 """A serial arm as the kernels need it, read from an MJCF file."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -105,6 +106,8 @@ class RobotModel:
     mjcf: Path
     mount: Array = field(default_factory=lambda: _frozen(np.zeros(3)))
     """Where the MJCF's world origin stands in the world, shape (3,) [m]."""
+    uncovered: tuple[str, ...] = ()
+    """Joints of links that draw something outside of capsules: nothing is measured there, and nothing promised."""
 
     __reduce__ = _made_anew
 
@@ -148,6 +151,7 @@ class RobotModel:
         jerk: ArrayLike,
         tool_site: str = "tcp",
         home_key: str = "home",
+        uncovered: Sequence[str] = (),
     ) -> Self:
         """Read a serial arm of hinge joints from an MJCF file.
 
@@ -164,6 +168,7 @@ class RobotModel:
             jerk: Shape (n,) [rad/s³].
             tool_site: Name of the site at the tool centre point; without it, the origin of the last link.
             home_key: Name of the keyframe with the home position; without it, mid-range of every joint.
+            uncovered: Joints of links that need no capsules; see :attr:`uncovered`.
 
         Raises:
             RobotModelError: The file cannot be read, or holds what a serial arm of hinge joints with capsules
@@ -194,10 +199,14 @@ class RobotModel:
         low, high = limits.position.T
         if not np.all((low <= home) & (home <= high)):
             raise RobotModelError(f"keyframe '{home_key}' lies outside the position ranges: {home.tolist()}")
-        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP)
+        names_of_joints = tuple(model.joint(j).name or f"joint {j}" for j in joints)
+        if unknown := [name for name in uncovered if name not in names_of_joints]:
+            raise RobotModelError(f"no joint {unknown[0]!r} to leave uncovered; there are {', '.join(names_of_joints)}")
+        spared = [i for i, name in enumerate(names_of_joints) if name in uncovered]
+        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP, spared)
         return cls(
             name=_model_name(model) or path.stem,
-            joint_names=tuple(model.joint(j).name or f"joint {j}" for j in joints),
+            joint_names=names_of_joints,
             links=_frozen(links, LINK),
             capsules=_frozen(capsules, CAPSULE),
             capsule_names=names,
@@ -207,6 +216,7 @@ class RobotModel:
             tool_link=tool_link,
             tool_offset=_frozen(tool_offset),
             mjcf=path,
+            uncovered=tuple(uncovered),
         )
 
 
