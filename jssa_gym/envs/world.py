@@ -114,6 +114,7 @@ class World:
         *,
         pair: tuple[Array, Array] | None = None,
         goal: Array | None = None,
+        capsules: bool = False,
     ) -> NDArray[np.uint8]:
         """Draw a moment, shape (height, width, 3).
 
@@ -122,6 +123,7 @@ class World:
             humans: People.
             pair: The two ends of the critical point pair [m], drawn as a line.
             goal: A point to mark [m].
+            capsules: Whether the arm's capsules are drawn over what it draws.
 
         Raises:
             DisplayError: There is no OpenGL, or it belongs to another thread.
@@ -131,7 +133,7 @@ class World:
             self._renderer = open_renderer(self.model, *self._size)
         self.pose(position)
         option = mujoco.MjvOption()
-        option.geomgroup[COLLISION_GROUP] = self._show_capsules
+        option.geomgroup[COLLISION_GROUP] = self._show_capsules or capsules
         self._renderer.update_scene(self.data, camera=self.camera, scene_option=option)
         scene = self._renderer.scene
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self.pretty

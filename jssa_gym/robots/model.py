@@ -191,7 +191,7 @@ class RobotModel:
         limits = JointLimits(
             _frozen([model.jnt_range[j] for j in joints]), _frozen(velocity), _frozen(acceleration), _frozen(jerk)
         )
-        link_of_body = _link_of_body(model, joints)
+        link_of_body = carrier_links(model, joints)
         capsules, names, bodies = _capsules(model, link_of_body, anchors)
         tool_link, tool_offset = _tool(model, tool_site, link_of_body, anchors)
         keys = [model.key_qpos[k].copy() for k in range(model.nkey) if model.key(k).name == home_key]
@@ -262,7 +262,7 @@ def _links(model: "mujoco.MjModel", joints: list[int]) -> tuple[NDArray, list[Ar
     return links, anchors
 
 
-def _link_of_body(model: "mujoco.MjModel", joints: list[int]) -> dict[int, int]:
+def carrier_links(model: "mujoco.MjModel", joints: list[int]) -> dict[int, int]:
     """Link that carries each body: of its own last joint, or of the nearest moving ancestor; -1 for the base."""
     own = {int(model.jnt_bodyid[j]): i for i, j in enumerate(joints)}
     carriers = {0: -1}

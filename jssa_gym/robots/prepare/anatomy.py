@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.records import LINK, records
-from jssa_gym.robots.model import COLLISION_GROUP
+from jssa_gym.robots.model import COLLISION_GROUP, carrier_links
 from jssa_gym.robots.prepare.chain import Chain, name_of, ranges
 from jssa_gym.robots.prepare.enclose import Enclosure, Solid, joined
 from jssa_gym.robots.prepare.surface import drawn
@@ -92,7 +93,7 @@ def zero_pose(model: "mujoco.MjModel", chain: Chain, share: float | None = None)
     data.qpos[:] = model.qpos0
     for j in chain.joints:
         data.qpos[model.jnt_qposadr[j]] = 0.0
-    carriers = _links_of_bodies(model, chain)
+    carriers = carrier_links(model, list(chain.joints))
     for j in chain.frozen:
         slides = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and model.jnt_limited[j]
         # those between base and tip stay: they carry the rest of the arm
@@ -121,7 +122,7 @@ def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None) -
     geometry["rotation"] = np.eye(3)
     geometry["offset"] = np.diff(anchors, axis=0, prepend=np.zeros((1, 3)))
     geometry["axis"] = [data.xaxis[j] for j in chain.joints]
-    carriers, parts = _links_of_bodies(model, chain), _parts(model, chain)
+    carriers, parts = carrier_links(model, list(chain.joints)), _parts(model, chain)
     where = np.array([carriers[int(body)] for body in model.geom_bodyid])
     measured = model.geom_group == COLLISION_GROUP
     links = []
@@ -155,17 +156,6 @@ def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None) -
         point - anchors[-1],
         said,
     )
-
-
-def _links_of_bodies(model: "mujoco.MjModel", chain: Chain) -> dict[int, int]:
-    """Link that carries each body; -1 for what none does."""
-    own: dict[int, int] = {}
-    for i, j in enumerate(chain.joints):
-        own[int(model.jnt_bodyid[j])] = i
-    carriers = {0: -1}
-    for body in range(1, model.nbody):
-        carriers[body] = own.get(body, carriers[int(model.body_parentid[body])])
-    return carriers
 
 
 def _parts(model: "mujoco.MjModel", chain: Chain) -> set[int]:
@@ -226,8 +216,6 @@ def _tool(
     model: "mujoco.MjModel", data: "mujoco.MjData", chain: Chain, carriers: dict[int, int], name: str | None
 ) -> tuple[Array, str]:
     """The tool centre point in the world, and who says so."""
-    from jssa_gym.exceptions import ParameterError
-
     last = len(chain.joints) - 1
     sites = {model.site(s).name: data.site_xpos[s] for s in range(model.nsite) if carriers[int(model.site_bodyid[s])] == last}
     bodies = {model.body(b).name: data.xpos[b] for b in range(1, model.nbody) if carriers[b] == last}

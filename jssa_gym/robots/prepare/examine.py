@@ -57,10 +57,19 @@ class Cover:
     """Farthest drawn corner outside of those [m]; inf without any, 0 if all lie inside or nothing is drawn."""
     arm: float
     """The same outside of all capsules of the file, in the posture with all joints at 0 [m]."""
+    kept: tuple[Enclosure, ...]
+    """Those capsules if they hold all that is drawn, else none; in the link's frame."""
     capsules: tuple[Enclosure, ...]
-    """Those of the prepared model, in the link's frame."""
+    """Those of the prepared model."""
     left: float
     """Farthest drawn corner outside of these [m]; negative where all lie inside; inf for uncovered links."""
+
+    def named(self) -> list[tuple[str, Enclosure]]:
+        """The capsules of the prepared model with names: those of the file where it gives them, else the link's."""
+        if self.capsules == self.kept and not any(name.startswith("geom ") for name in self.found):
+            return list(zip(self.found, self.capsules, strict=True))
+        several = len(self.capsules) > 1
+        return [(self.body + (f"_{k + 1}" if several else ""), one) for k, one in enumerate(self.capsules)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,10 +104,7 @@ class Examination:
         """Name, link and shape of every capsule of the prepared model."""
         named = [] if self.column is None else [("base_column", 0, self.column)]
         for i, cover in enumerate(self.covers):
-            names = cover.found if cover.found and len(cover.found) == len(cover.capsules) else ()
-            for k, capsule in enumerate(cover.capsules):
-                name = names[k] if names else cover.body + (f"_{k + 1}" if len(cover.capsules) > 1 else "")
-                named.append((name, i, capsule))
+            named += [(name, i, capsule) for name, capsule in cover.named()]
         return named
 
 
@@ -162,18 +168,14 @@ def _covers(anatomy: Anatomy, uncovered: Sequence[str], findings: list[Finding])
 
 def _cover(joint: str, link: Link, offset: Array, everywhere: list[Enclosure], uncovered: bool) -> Cover:
     if link.solid is None:
-        return Cover(joint, link.body, link.names, 0.0, 0.0, link.found, -np.inf)
+        return Cover(joint, link.body, link.names, 0.0, 0.0, link.found, link.found, -np.inf)
     corners, radii = _corners(link.solid)
     own = float(outside(corners, radii, list(link.found)).max())
     arm = float(outside(corners + offset, radii, everywhere).max())
-    if uncovered:
-        capsules: tuple[Enclosure, ...] = ()
-    elif link.found and own <= TOLERATED:
-        capsules = link.found
-    else:
-        capsules = tuple(enclose(link.solid))
+    kept = link.found if own <= TOLERATED else ()
+    capsules = () if uncovered else kept or tuple(enclose(link.solid))
     left = float(outside(corners, radii, list(capsules)).max())
-    return Cover(joint, link.body, link.names, max(own, 0.0), max(arm, 0.0), capsules, left)
+    return Cover(joint, link.body, link.names, max(own, 0.0), max(arm, 0.0), kept, capsules, left)
 
 
 def _corners(solid: Solid) -> tuple[Array, Array]:

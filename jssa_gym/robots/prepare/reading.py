@@ -111,7 +111,8 @@ def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> So
     findings: list[Finding] = []
     assets = _gather_meshes(path, root, packages, findings)
     velocity = _limits(root, findings)
-    inertials = [link.find("inertial") for link in root.iter("link")]
+    moving = {child.get("link") for one in root.iter("joint") if one.get("type") != "fixed" for child in one.iter("child")}
+    light = [one for one in root.iter("link") if one.get("name") in moving and one.find("inertial") is None]
     for own in root.findall("mujoco"):
         root.remove(own)
     settings = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
@@ -124,7 +125,7 @@ def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> So
     except ValueError as error:
         stands = [str(finding) for finding in findings if finding.stands]
         raise RobotModelError("; ".join([*stands, f"{path.name} does not compile: {_words(error)}"])) from error
-    if any(one is None for one in inertials):
+    if light:
         findings.append(_weightless(path.name))
     return Source(path, model, velocity, tuple(findings))
 
@@ -166,6 +167,7 @@ def _gather_meshes(
 ) -> dict[str, bytes]:
     """Content of the meshes by the new names that they get; shapes that cannot be read are taken out, and said."""
     assets: dict[str, bytes] = {}
+    replaced: list[str] = []
     for link in root.iter("link"):
         lost: list[str] = []
         for shape in [*link.findall("visual"), *link.findall("collision")]:
@@ -181,23 +183,25 @@ def _gather_meshes(
             name = f"{len(assets)}{found.suffix.lower()}"
             assets[name] = _content(found)
             mesh.set("filename", name)
-        if lost:
-            drawn = any(shape.find("geometry") is not None for shape in link if shape.tag in ("visual", "collision"))
-            subject, text = f"link '{link.get('name')}'", "; ".join(dict.fromkeys(lost))
-            if drawn:
-                findings.append(repaired(subject, text, "its other shapes, of <collision> or <visual>, stand for it"))
-            else:
-                findings.append(obstacle(subject, text, "nothing else says where it is; convert it to STL or OBJ"))
+        if link.find("visual") is not None or link.find("collision") is not None:
+            replaced += lost
+        elif lost:
+            advice = "nothing else says where it is; convert it to STL or OBJ, or say where it is"
+            findings.append(obstacle(f"link '{link.get('name')}'", f"draws {'; '.join(dict.fromkeys(lost))}", advice))
+    if replaced:
+        more = f" and {len(replaced) - 1} more like it" if len(replaced) > 1 else ""
+        advice = "the links' other shapes, of <collision> or <visual>, stand for them"
+        findings.append(repaired(path.name, f"draws {replaced[0]}{more}", advice))
     return assets
 
 
 def _lost(uri: str, found: Path | None, packages: Mapping[str, Path]) -> str:
     if found is not None:
-        return f"draws {uri}, of a kind that MuJoCo does not read (STL and OBJ are)"
+        return f"{uri}, of a kind that MuJoCo does not read (STL and OBJ are)"
     package = urlparse(uri).netloc
     if uri.startswith("package://") and package not in packages:
-        return f"draws {uri}, which is not there: give --package {package}=DIR"
-    return f"draws {uri}, which is not there"
+        return f"{uri}, which is not there (give --package {package}=DIR)"
+    return f"{uri}, which is not there"
 
 
 def _resolve(uri: str, path: Path, packages: Mapping[str, Path]) -> Path | None:
