@@ -9,12 +9,28 @@ from jssa_gym.robots.limits import read_limits
 from jssa_gym.robots.lr_mate_200id_7l import lr_mate_200id_7l
 from jssa_gym.robots.model import JointLimits, LimitsError, RobotModel
 
+
+def ur5e() -> RobotModel:
+    """Universal Robots UR5e, standing at the world's origin; sources in ``assets/ur5e.xml`` and its limits' file."""
+    return make_robot(ASSETS / "ur5e.xml")
+
+
+def fr3() -> RobotModel:
+    """Franka Research 3, standing at the world's origin; sources in ``assets/fr3.xml`` and its limits' file."""
+    return make_robot(ASSETS / "fr3.xml")
+
+
 ROBOTS: dict[str, Callable[[], RobotModel]] = {
     "lr_mate_200id_7l": lr_mate_200id_7l,
+    "ur5e": ur5e,
+    "fr3": fr3,
 }
 """Robots by name; add yours to use it in ``gym.make(..., robot=name)``."""
 
-__all__ = ["ROBOTS", "JointLimits", "RobotModel", "lr_mate_200id_7l", "make_robot"]
+__all__ = ["ROBOTS", "JointLimits", "RobotModel", "fr3", "lr_mate_200id_7l", "make_robot", "ur5e"]
+
+ASSETS = Path(__file__).parent / "assets"
+"""Files of the arms that the package comes with."""
 
 PREPARED = "robot.xml"
 """Name of the model's file in a folder that ``jssa-gym robot check --write`` has made."""
