@@ -128,7 +128,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     without a human), ``contact`` (bool), ``contact_speed`` [m/s] (of the robot's touching point, 0.0 without contact),
     ``cost`` (1.0 when the distance is below ``d_min``), ``jerk`` (n,) [rad/s³] applied, ``limit_violation`` (bool),
     ``success`` (bool; as ``is_success`` too, which Stable-Baselines3 counts), ``reward/<term>`` (0.0 after reset) and
-    what the task says.
+    what the task says; with a robot that leaves links without capsules ``uncovered`` (their joints' names) too.
 
     Args:
         task: ``"home"``, ``"reach"``, ``"track"``, ``"handover"`` or a :class:`~jssa_gym.envs.tasks.Task`.
@@ -385,6 +385,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             "success": success,
             "is_success": success,
         }
+        if self.robot.uncovered:
+            info["uncovered"] = self.robot.uncovered
         if self.dynamics == "servo":
             info["tracking_error"] = self._actual[0] - self._state[0]
         return info

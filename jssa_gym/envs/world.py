@@ -72,6 +72,10 @@ class World:
         _decorate(spec, scene, pretty, width, height)
         frame = spec.worldbody.add_frame(pos=robot.mount.tolist())
         spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf)), prefix="robot/", frame=frame)
+        for geom in spec.geoms:
+            if geom.name.startswith("robot/") or geom.parent.name.startswith("robot/"):
+                # what keeps the arm off itself is the shield; MuJoCo would push apart capsules that overlap by their make
+                geom.contype = geom.conaffinity = 0
         spec.option.timestep = _SUBSTEP
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model = spec.compile()

@@ -27,7 +27,10 @@ ROBOTS: dict[str, Callable[[], RobotModel]] = {
 }
 """Robots by name; add yours to use it in ``gym.make(..., robot=name)``."""
 
-__all__ = ["ROBOTS", "JointLimits", "RobotModel", "fr3", "lr_mate_200id_7l", "make_robot", "ur5e"]
+__all__ = ["DEFAULT", "ROBOTS", "JointLimits", "RobotModel", "fr3", "lr_mate_200id_7l", "make_robot", "ur5e"]
+
+DEFAULT = "lr_mate_200id_7l"
+"""Name of the paper's arm, which is meant where none is named."""
 
 ASSETS = Path(__file__).parent / "assets"
 """Files of the arms that the package comes with."""
