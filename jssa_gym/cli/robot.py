@@ -20,7 +20,7 @@ from jssa_gym.envs.world import SCENES, World
 from jssa_gym.evaluation.proof import Proof, prove
 from jssa_gym.exceptions import DisplayError, MissingExtraError, ParameterError
 from jssa_gym.humans import nobody
-from jssa_gym.robots import ROBOTS, RobotModel, make_robot
+from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, make_robot
 from jssa_gym.robots.prepare import Cover, Examination, Preparation, examine, write_prepared
 
 
@@ -119,10 +119,11 @@ class List:
     def run(self) -> None:
         """Print names."""
         if self.json:
-            print(json.dumps(sorted(ROBOTS)))
+            print(json.dumps({"shipped": sorted(ROBOTS), "menagerie": sorted(MENAGERIE)}))
             return
-        for name in sorted(ROBOTS):
-            Terminal().say(name)
+        console = Terminal()
+        console.say(f"shipped: {', '.join(sorted(ROBOTS))}")
+        console.say(f"of MuJoCo Menagerie, downloaded at the first use (extra robots): {', '.join(sorted(MENAGERIE))}")
 
 
 @dataclass(frozen=True)

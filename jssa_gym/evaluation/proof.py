@@ -11,9 +11,8 @@ from jssa_gym.kernels.chain import forward, jacobian, place
 from jssa_gym.kernels.records import FRAME, SEGMENT, records
 from jssa_gym.policies import POLICIES
 from jssa_gym.robots import RobotModel
-from jssa_gym.robots.covered import cover_of
 from jssa_gym.robots.prepare import Examination
-from jssa_gym.robots.prepare.agreement import kinematic_error
+from jssa_gym.robots.prepare.agreement import cover_of, kinematic_error
 from jssa_gym.robots.prepare.posture import some_postures
 from jssa_gym.shields import JSSAShield
 from jssa_gym.types import Array

@@ -2,11 +2,13 @@
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.robots.limits import read_limits
 from jssa_gym.robots.lr_mate_200id_7l import lr_mate_200id_7l
+from jssa_gym.robots.menagerie import MENAGERIE, prepared_folder
 from jssa_gym.robots.model import JointLimits, LimitsError, RobotModel
 
 
@@ -27,7 +29,7 @@ ROBOTS: dict[str, Callable[[], RobotModel]] = {
 }
 """Robots by name; add yours to use it in ``gym.make(..., robot=name)``."""
 
-__all__ = ["DEFAULT", "ROBOTS", "JointLimits", "RobotModel", "fr3", "lr_mate_200id_7l", "make_robot", "ur5e"]
+__all__ = ["DEFAULT", "MENAGERIE", "ROBOTS", "JointLimits", "RobotModel", "fr3", "lr_mate_200id_7l", "make_robot", "ur5e"]
 
 DEFAULT = "lr_mate_200id_7l"
 """Name of the paper's arm, which is meant where none is named."""
@@ -45,7 +47,7 @@ def _built(build: Callable[[], RobotModel]) -> RobotModel:
 
 
 def make_robot(robot: str | Path | RobotModel) -> RobotModel:
-    """A robot from its name in :data:`ROBOTS`, an MJCF file or a prepared folder; a model as it is.
+    """A robot from its name in :data:`ROBOTS` or :data:`~jssa_gym.robots.menagerie.MENAGERIE`, an MJCF file or a prepared folder; a model as it is.
 
     The limits of ``arm.xml``, which MJCF has no place for, are read from ``arm.limits.toml`` beside it::
 
@@ -57,24 +59,31 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
 
     Raises:
         ParameterError: Neither a name nor a file.
+        MissingExtraError: The name is one of Menagerie's, whose package is not installed.
         RobotModelError: The file is not a serial arm, or its limits are missing or wrong.
     """
     if isinstance(robot, RobotModel):
         return robot
     if isinstance(robot, str) and robot in ROBOTS:
         return _built(ROBOTS[robot])
+    if isinstance(robot, str) and robot in MENAGERIE:
+        return replace(make_robot(prepared_folder(robot)), name=robot)
     if isinstance(robot, str | Path) and (Path(robot) / PREPARED).is_file():
         robot = Path(robot) / PREPARED
     if not isinstance(robot, str | Path) or Path(robot).suffix != ".xml":
         raise ParameterError(
-            f"unknown robot {robot!r}; valid: a RobotModel, an MJCF file (.xml), or one of {', '.join(ROBOTS)}"
+            f"unknown robot {robot!r}; valid: a RobotModel, an MJCF file (.xml), a folder of `jssa-gym robot check "
+            f"--write`, or one of {', '.join((*ROBOTS, *MENAGERIE))}"
         )
     path = Path(robot)
     if not path.is_file():
         raise RobotModelError(f"no MJCF file at {path}")
     beside = path.with_suffix(".limits.toml")
     if not beside.is_file():
-        raise RobotModelError(f"no {beside.name} beside {path.name} with its velocity, acceleration, jerk limits")
+        raise RobotModelError(
+            f"no {beside.name} beside {path.name} with its velocity, acceleration, jerk limits; `jssa-gym robot check "
+            f"{path.name}` says what else is missing"
+        )
     table = read_limits(beside)
     try:
         return RobotModel.from_mjcf(

@@ -44,8 +44,12 @@ class LimitTable:
     """Links that draw something outside of capsules, and that nothing is promised about."""
 
 
-def read_limits(path: Path) -> LimitTable:
+def read_limits(path: Path, partial: bool = False) -> LimitTable:
     """Read a table of limits: ``unit``, ``velocity``, ``acceleration``, ``jerk``; it may say more.
+
+    Args:
+        path: Of the table.
+        partial: Whether acceleration and jerk may be missing; they are guessed then.
 
     Raises:
         RobotModelError: It is not there, no such table, or lacks something.
@@ -57,6 +61,13 @@ def read_limits(path: Path) -> LimitTable:
     except (ValueError, RecursionError) as error:  # the former of numbers that are too long, too
         raise RobotModelError(f"{path.name} is not valid TOML: {error}") from error
     missing = [name for name in LIMITS if name not in table]
+    if partial and isinstance(table.get("velocity"), list):
+        guessed = [name for name in missing if name != "velocity"]
+        if guessed == ["acceleration", "jerk"]:
+            table |= {"acceleration": table["velocity"], "jerk": table["velocity"], "guessed": guessed}
+            missing = []
+    else:
+        guessed = []
     if missing or table.get("unit") not in ("deg", "rad"):
         raise RobotModelError(f"{path.name} needs velocity, acceleration, jerk, and unit = 'deg' or 'rad'")
     factor = np.pi / 180.0 if table["unit"] == "deg" else 1.0
@@ -66,6 +77,8 @@ def read_limits(path: Path) -> LimitTable:
         raise RobotModelError(
             f"{path.name}: velocity, acceleration, jerk have to be lists of numbers: {error}"
         ) from error
+    if guessed:
+        acceleration, jerk = _guess_beyond(velocity)
     return LimitTable(
         velocity,
         acceleration,
@@ -93,6 +106,11 @@ def guess_limits(joints: Sequence[str], velocity: Mapping[str, float], source: s
     """
     speeds = np.array([velocity.get(name, GUESSED_VELOCITY) for name in joints])
     stated = all(name in velocity for name in joints)
-    acceleration = speeds / _RISE
     guessed = ("acceleration", "jerk") if stated else LIMITS
-    return LimitTable(speeds, acceleration, 0.9 * acceleration / _EASE, guessed, source if velocity else "")
+    return LimitTable(speeds, *_guess_beyond(speeds), guessed, source if velocity else "")
+
+
+def _guess_beyond(velocity: Array) -> tuple[Array, Array]:
+    """Acceleration and jerk limits to go with velocity limits."""
+    acceleration = velocity / _RISE
+    return acceleration, 0.9 * acceleration / _EASE

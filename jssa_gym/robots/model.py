@@ -12,7 +12,7 @@ from jssa_gym.exceptions import RobotModelError
 from jssa_gym.headless import choose_gl_backend
 from jssa_gym.kernels.records import CAPSULE, LINK, records
 from jssa_gym.robots.coverage import check_coverage
-from jssa_gym.robots.serial import called, serial_joints
+from jssa_gym.robots.serial import called, serial_faults
 from jssa_gym.storage import read_text
 from jssa_gym.types import Array
 
@@ -186,7 +186,7 @@ class RobotModel:
         except ValueError as error:
             raise RobotModelError(f"{path.name} does not compile: {error}") from error
 
-        joints = serial_joints(model)
+        joints = _joints_of_arm(model, path.name)
         links, anchors = _links(model, joints)
         limits = JointLimits(
             _frozen([model.jnt_range[j] for j in joints]), _frozen(velocity), _frozen(acceleration), _frozen(jerk)
@@ -218,6 +218,43 @@ class RobotModel:
             mjcf=path,
             uncovered=tuple(uncovered),
         )
+
+
+def _joints_of_arm(model: "mujoco.MjModel", name: str) -> list[int]:
+    """Joint ids of a model that is a serial arm with capsules.
+
+    Raises:
+        RobotModelError: It is not; the message has all that is in the way.
+    """
+    faults = serial_faults(model) + _capsule_faults(model)
+    if len(faults) > 1:
+        faults.append(f"`jssa-gym robot check {name}` makes a model of it")
+    if faults:
+        raise RobotModelError("; ".join(faults))
+    return list(range(model.njnt))
+
+
+def _capsule_faults(model: "mujoco.MjModel") -> list[str]:
+    """What is wrong with the geoms that distances are to be measured with."""
+    import mujoco
+
+    measured = [g for g in range(model.ngeom) if model.geom_group[g] == COLLISION_GROUP]
+    if not measured:
+        return [f"the model has no capsule geoms in group {COLLISION_GROUP}; they are what distances are measured with"]
+    carried, faults = carrier_links(model, list(range(model.njnt))), []
+    for g in measured:
+        geom, kind = called(model, mujoco.mjtObj.mjOBJ_GEOM, g), mujoco.mjtGeom(model.geom_type[g])
+        if kind not in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE):
+            faults.append(
+                f"{geom} in group {COLLISION_GROUP} is a {kind.name[7:].lower()}; "
+                "collision geoms have to be capsules or spheres"
+            )
+        elif model.njnt and carried[int(model.geom_bodyid[g])] < 0:
+            faults.append(
+                f"{geom} in group {COLLISION_GROUP} does not move with any joint; "
+                "enclose the base in a capsule of the first link"
+            )
+    return faults
 
 
 def _model_name(model: "mujoco.MjModel") -> str:
@@ -286,19 +323,8 @@ def _capsules(
     for g in range(model.ngeom):
         if model.geom_group[g] != COLLISION_GROUP:
             continue
-        geom = called(model, mujoco.mjtObj.mjOBJ_GEOM, g)
         kind, body = mujoco.mjtGeom(model.geom_type[g]), int(model.geom_bodyid[g])
-        if kind not in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE):
-            raise RobotModelError(
-                f"{geom} in group {COLLISION_GROUP} is a {kind.name[7:].lower()}; "
-                "collision geoms have to be capsules or spheres"
-            )
         link = link_of_body[body]
-        if link < 0:
-            raise RobotModelError(
-                f"{geom} in group {COLLISION_GROUP} does not move with any joint; "
-                "enclose the base in a capsule of the first link"
-            )
         half = model.geom_size[g][1] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
         # MuJoCo's z axis of a geom given by "fromto" points back at its first end
         along = _rotation(model.geom_quat[g]) @ np.array([0.0, 0.0, -half])
@@ -307,10 +333,6 @@ def _capsules(
         rows.append((start, end, model.geom_size[g][0], link))
         names.append(model.geom(g).name or f"geom {g}")
         bodies.append(body)
-    if not rows:
-        raise RobotModelError(
-            f"the model has no capsule geoms in group {COLLISION_GROUP}; they are what distances are measured with"
-        )
     return np.array(rows, CAPSULE), tuple(names), bodies
 
 

@@ -1,13 +1,15 @@
-"""Whether a prepared arm moves as the file says that it was made from: MuJoCo is the judge."""
+"""Whether a prepared arm moves as the file says that it was made from, and its capsules hold what it draws."""
 
 import numpy as np
 
 from jssa_gym.kernels.chain import forward
 from jssa_gym.kernels.records import FRAME, records
-from jssa_gym.robots.model import RobotModel
+from jssa_gym.robots.coverage import coverage
+from jssa_gym.robots.model import COLLISION_GROUP, RobotModel, carrier_links
 from jssa_gym.robots.prepare.anatomy import zero_pose
 from jssa_gym.robots.prepare.examine import Examination
 from jssa_gym.robots.prepare.posture import some_postures
+from jssa_gym.robots.serial import serial_joints
 
 _LOOKED_AT = 200
 """Postures that are compared."""
@@ -36,3 +38,17 @@ def kinematic_error(arm: Examination, robot: RobotModel) -> float:
         gaps = [frames["origin"] - anchors, frames["origin"] + frames["axis"] - anchors - axes]
         worst = max(worst, float(np.linalg.norm(gaps, axis=2).max()))
     return worst
+
+
+def cover_of(robot: RobotModel) -> float:
+    """Farthest drawn corner of a link outside of its own capsules [m]; 0 if all lie inside.
+
+    Links that the model says are uncovered do not count; inf if another one draws something and has none.
+    """
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
+    joints = serial_joints(model)
+    links = coverage(model, joints, carrier_links(model, joints), np.array(robot.home), COLLISION_GROUP)
+    spared = {i for i, name in enumerate(robot.joint_names) if name in robot.uncovered}
+    return max((link.own if link.capsules else link.joined for link in links if link.link not in spared), default=0.0)

@@ -95,13 +95,11 @@ def around(solid: Solid, effort: int = _FINE) -> Enclosure:
     """The capsule of least volume that was found around all of a shape, looking at ``effort`` about each axis."""
     points, radii = solid.points()
     centre = points.mean(axis=0)
-    spread = np.linalg.svd(points - centre, full_matrices=False)[2]
+    spread = _axes(points)
     scale = max(float(np.ptp(points, axis=0).max() + radii.max()), 1e-4)
     found = []
-    for axis in spread:
-        side = np.cross(axis, spread[(np.argmax(np.abs(spread @ axis)) + 1) % 3])
-        side /= np.linalg.norm(side)
-        frame = np.array([axis, side, np.cross(axis, side)])
+    for turned in range(3):
+        frame = np.roll(spread, -turned, axis=0)
         local = (points - centre) @ frame.T
 
         def volume(x: Array, local: Array = local) -> float:
@@ -150,7 +148,7 @@ def _fitted(local: Array, radii: Array, x: Array) -> tuple[Array, Array, float]:
 def _parts(solid: Solid, whole: Enclosure) -> list[tuple[Solid, Solid]]:
     """The shape cut across its longest directions, in two parts each."""
     points, _ = solid.points()
-    axes = list(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2])
+    axes = list(_axes(points))
     if (length := np.linalg.norm(whole.end - whole.start)) > 1e-6:
         axes.append((whole.end - whole.start) / length)
     found = []
@@ -188,6 +186,12 @@ def _side(solid: Solid, over: Array) -> Solid:
         for corners in [(a, ab, ac)] if alone == 1 else [(ab, b, c), (ab, c, ac)]:
             pieces.append(Solid(np.stack(corners, axis=1), solid.radius[some]))
     return joined(pieces)
+
+
+def _axes(points: Array) -> Array:
+    """Directions of the spread of points, the longest first, as rows of an orthogonal matrix (3, 3)."""
+    away = points - points.mean(axis=0)
+    return np.linalg.eigh(away.T @ away)[1].T[::-1]
 
 
 def _hull_volume(solid: Solid) -> float:

@@ -205,11 +205,13 @@ def _limits(source: Source, anatomy: Anatomy, wanted: Preparation, findings: lis
     beside = source.path.with_suffix(".limits.toml")
     path = wanted.limits or (beside if beside.is_file() else None)
     if path is not None:
-        table = read_limits(path)
+        table = read_limits(path, partial=True)
         for name in ("velocity", "acceleration", "jerk"):
             if getattr(table, name).shape != (anatomy.n,):
                 got = getattr(table, name).shape
                 raise RobotModelError(f"{path.name}: {name} limits have shape {got}, expected ({anatomy.n},)")
+        if table.guessed:
+            findings.append(Finding("the limits", f"of {', '.join(table.guessed)} are a guess, as {path.name} says"))
         return table
     table = guess_limits(anatomy.joints, source.velocity, source.path.name)
     text = f"of {', '.join(table.guessed)} are a guess"

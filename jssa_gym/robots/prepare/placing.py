@@ -18,6 +18,9 @@ _SMALLEST, _LARGEST = 0.05, 10.0
 _NARROW, _WIDE = 0.25, 8.0 * np.pi
 """Widest position range of all below which, and widest of any above which, the unit is asked about [rad]."""
 
+_PEDESTAL = 0.2
+"""Height of the first joint of an arm that has no base, as a share of its reach."""
+
 _STOUT = 0.35
 """Share of the arm's reach up to which a base is enclosed in a column."""
 
@@ -51,8 +54,8 @@ def placed(anatomy: Anatomy) -> tuple[Anatomy, list[Finding]]:
         shift[:2] = -first[:2]
     if abs(lowest) > _OFF:
         shift[2] = -lowest
-    elif anatomy.base is None and first[2] > anatomy.reach:
-        shift[2] = -first[2]
+    elif anatomy.base is None and not 0.0 < first[2] / anatomy.reach < 1.0:
+        shift[2] = _PEDESTAL * anatomy.reach - first[2]
     if not shift.any():
         return anatomy, []
     chain = anatomy.chain.copy()
