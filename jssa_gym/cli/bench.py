@@ -48,7 +48,7 @@ class Bench:
             done("decisions")
             timings += stopwatch.time_decisions(robot, dt, scenes, self.rounds)
             done("steps")
-            scene = {"human": paper_scene(0.8), "robot": self.robot, "terminate_on": ()}
+            scene: dict[str, Any] = {"human": paper_scene(0.8), "robot": self.robot, "terminate_on": ()}
             plain = lambda: gym.make("jssa_gym/Home-v0", **scene)  # noqa: E731
             steps = 1000 * self.rounds
             timings.append(stopwatch.time_steps(plain, "env.step", steps))

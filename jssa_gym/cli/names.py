@@ -26,7 +26,10 @@ HUMAN = _says("People by name", PEOPLE)
 POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", (*POLICIES, *shipped_policies()))
 """Of what is evaluated."""
 
-ROBOT = _says("Robot by name, its MJCF file with limits beside it, or a folder of jssa-gym robot check --write", (*ROBOTS, *MENAGERIE))
+ROBOT = _says(
+    "Robot by name, its MJCF file with limits beside it, or a folder of jssa-gym robot check --write",
+    (*ROBOTS, *MENAGERIE),
+)
 
 SHIELDS = _says(
     f"Shields by name, whole and weakened; filters by their own names too, bare or with {STOP} behind them; full is "

@@ -74,7 +74,9 @@ class Replay:
             _tell(verdict, console)
         if self.again:
             find_policies_here([self.policy or ""])
-            same = _same(trace, played_again(meta, policy=self.policy, robot=self.robot, trust_pickle=self.trust_pickle))
+            same = _same(
+                trace, played_again(meta, policy=self.policy, robot=self.robot, trust_pickle=self.trust_pickle)
+            )
             agrees = agrees and same
             console.say(
                 f"played again: {'the same bit for bit' if same else 'DIFFERENT'} (SHA-256 {digest_of(trace)[:16]})"

@@ -10,7 +10,7 @@ from jssa_gym.envs.opengl import open_renderer
 from jssa_gym.exceptions import DisplayError, RobotModelError
 from jssa_gym.headless import choose_gl_backend, has_display
 from jssa_gym.robots import RobotModel
-from jssa_gym.robots.model import COLLISION_GROUP
+from jssa_gym.robots.mjcf import COLLISION_GROUP
 from jssa_gym.types import Array, CapsuleSet, Planes
 from jssa_gym.validation import known_name
 
@@ -74,7 +74,7 @@ class World:
         spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf)), prefix="robot/", frame=frame)
         for geom in spec.geoms:
             if geom.name.startswith("robot/") or geom.parent.name.startswith("robot/"):
-                # what keeps the arm off itself is the shield; MuJoCo would push apart capsules that overlap by their make
+                # the shield keeps the arm off itself; MuJoCo would push apart what overlaps by its make
                 geom.contype = geom.conaffinity = 0
         spec.option.timestep = _SUBSTEP
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

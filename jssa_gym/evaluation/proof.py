@@ -42,7 +42,7 @@ class Episode:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Ability:
     """What one capsule can do."""
 
     name: str
@@ -62,7 +62,7 @@ class Proof:
     """Largest distance of joints and axes from MuJoCo's on the file itself [m]."""
     uncovered: float
     """Farthest drawn corner of a link outside of its own capsules in the written model, as it is read [m]."""
-    parts: tuple[Part, ...]
+    parts: tuple[Ability, ...]
     episodes: tuple[Episode, ...]
 
     @property
@@ -92,9 +92,10 @@ def prove(arm: Examination, robot: RobotModel, steps: int = STEPS, opponents: tu
 
 
 def _play(robot: RobotModel, policy: str, seed: int, steps: int) -> Episode:
-    env = JSSAShield(ArmEnv("home", human="pursuit", robot=robot, terminate_on=()))
+    base = ArmEnv("home", human="pursuit", robot=robot, terminate_on=())
+    env = JSSAShield(base)
     trace = rollout(env, POLICIES[policy](env, seed), seed=seed, steps=steps)
-    seen = judge(trace, env.unwrapped.robot)
+    seen = judge(trace, base.robot)
     env.close()
     return Episode(
         policy,
@@ -106,7 +107,7 @@ def _play(robot: RobotModel, policy: str, seed: int, steps: int) -> Episode:
     )
 
 
-def _parts(robot: RobotModel) -> tuple[Part, ...]:
+def _parts(robot: RobotModel) -> tuple[Ability, ...]:
     n, m = robot.n, len(robot.capsules)
     frames, segments, J = records(n, FRAME), records(m, SEGMENT), np.zeros((3, n))
     postures = some_postures(robot.limits.position)[:200]
@@ -124,7 +125,7 @@ def _parts(robot: RobotModel) -> tuple[Part, ...]:
             jacobian(frames, int(segment["link"]), ends[far].copy(), J)
             authority[k, i] = _most(J, robot.limits.jerk)
     return tuple(
-        Part(name, robot.joint_names[int(link)], float(far), float(most))
+        Ability(name, robot.joint_names[int(link)], float(far), float(most))
         for name, link, far, most in zip(
             robot.capsule_names, robot.capsules["link"], reach.max(axis=0), np.median(authority, axis=0), strict=True
         )

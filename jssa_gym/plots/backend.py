@@ -1,7 +1,7 @@
 """matplotlib and PyAV, which come with the extra ``plots``; colours for all figures."""
 
 import importlib.util
-from typing import IO
+from typing import IO, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,4 +47,4 @@ def write_png(file: IO[bytes], pixels: NDArray[np.uint8]) -> None:
     draw_without_display()
     from matplotlib.image import imsave
 
-    imsave(file, pixels, format="png")
+    imsave(cast(BinaryIO, file), pixels, format="png")

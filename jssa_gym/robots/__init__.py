@@ -29,7 +29,17 @@ ROBOTS: dict[str, Callable[[], RobotModel]] = {
 }
 """Robots by name; add yours to use it in ``gym.make(..., robot=name)``."""
 
-__all__ = ["DEFAULT", "MENAGERIE", "ROBOTS", "JointLimits", "RobotModel", "fr3", "lr_mate_200id_7l", "make_robot", "ur5e"]
+__all__ = [
+    "DEFAULT",
+    "MENAGERIE",
+    "ROBOTS",
+    "JointLimits",
+    "RobotModel",
+    "fr3",
+    "lr_mate_200id_7l",
+    "make_robot",
+    "ur5e",
+]
 
 DEFAULT = "lr_mate_200id_7l"
 """Name of the paper's arm, which is meant where none is named."""
@@ -47,7 +57,10 @@ def _built(build: Callable[[], RobotModel]) -> RobotModel:
 
 
 def make_robot(robot: str | Path | RobotModel) -> RobotModel:
-    """A robot from its name in :data:`ROBOTS` or :data:`~jssa_gym.robots.menagerie.MENAGERIE`, an MJCF file or a prepared folder; a model as it is.
+    """A robot from its name, an MJCF file or a prepared folder; a model as it is.
+
+    Names are those of :data:`ROBOTS` and of :data:`~jssa_gym.robots.menagerie.MENAGERIE`, folders those that
+    ``jssa-gym robot check --write`` has made.
 
     The limits of ``arm.xml``, which MJCF has no place for, are read from ``arm.limits.toml`` beside it::
 

@@ -1,6 +1,7 @@
 """Arms of MuJoCo Menagerie by name: downloaded by the package ``mujoco-menagerie``, prepared, kept."""
 
 import hashlib
+import importlib
 import os
 import shutil
 import tempfile
@@ -57,7 +58,7 @@ def prepared_folder(name: str) -> Path:
         RobotModelError: It cannot be downloaded or prepared.
     """
     try:
-        import mujoco_menagerie
+        mujoco_menagerie = importlib.import_module("mujoco_menagerie")
     except ImportError as error:
         raise MissingExtraError(f"the robot {name!r} needs the extra 'robots': {INSTALL}") from error
     origin = MENAGERIE[name]

@@ -24,7 +24,7 @@ def clearances(robot: RobotModel, position: Array, planes: Planes) -> tuple[floa
 
 
 def room(robot: RobotModel, planes: Planes, wanted: tuple[float, float]) -> tuple[float, float]:
-    """Distances that a posture can be asked to keep from half-spaces and from itself [m]: half of what home has at most.
+    """Distances [m] that postures can be asked to keep from half-spaces and from themselves: at most half of home's.
 
     Args:
         robot: The arm, where it stands.

@@ -9,7 +9,7 @@ import pytest
 from jssa_gym.exceptions import RobotModelError
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
 from jssa_gym.robots.coverage import coverage
-from jssa_gym.robots.model import COLLISION_GROUP, carrier_links
+from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
 from jssa_gym.robots.serial import serial_joints
 
 TUBE = '<geom type="capsule" group="3" size=".05" fromto="0 0 0  .3 0 0"/>'

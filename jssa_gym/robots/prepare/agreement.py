@@ -5,7 +5,8 @@ import numpy as np
 from jssa_gym.kernels.chain import forward
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots.coverage import coverage
-from jssa_gym.robots.model import COLLISION_GROUP, RobotModel, carrier_links
+from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
+from jssa_gym.robots.model import RobotModel
 from jssa_gym.robots.prepare.anatomy import zero_pose
 from jssa_gym.robots.prepare.examine import Examination
 from jssa_gym.robots.prepare.posture import some_postures

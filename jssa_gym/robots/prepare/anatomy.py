@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.records import LINK, records
-from jssa_gym.robots.model import COLLISION_GROUP, carrier_links
+from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
 from jssa_gym.robots.prepare.chain import Chain, name_of, ranges
 from jssa_gym.robots.prepare.enclose import Enclosure, Solid, joined
 from jssa_gym.robots.prepare.surface import drawn
@@ -217,12 +217,16 @@ def _tool(
 ) -> tuple[Array, str]:
     """The tool centre point in the world, and who says so."""
     last = len(chain.joints) - 1
-    sites = {model.site(s).name: data.site_xpos[s] for s in range(model.nsite) if carriers[int(model.site_bodyid[s])] == last}
+    sites = {
+        model.site(s).name: data.site_xpos[s] for s in range(model.nsite) if carriers[int(model.site_bodyid[s])] == last
+    }
     bodies = {model.body(b).name: data.xpos[b] for b in range(1, model.nbody) if carriers[b] == last}
     places = {**bodies, **sites}
     if name is not None:
         if name not in places:
-            raise ParameterError(f"no site or body '{name}' on the last link; there are {', '.join(filter(None, places))}")
+            raise ParameterError(
+                f"no site or body '{name}' on the last link; there are {', '.join(filter(None, places))}"
+            )
         return places[name].copy(), name
     for word in _TOOLS:
         for some in (sites, bodies):

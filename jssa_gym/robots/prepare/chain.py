@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jssa_gym.exceptions import ParameterError, RobotModelError
-from jssa_gym.robots.prepare.findings import Finding, obstacle, repaired
+from jssa_gym.robots.prepare.findings import FileFinding, obstacle, repaired
 from jssa_gym.robots.prepare.reading import endless
 from jssa_gym.robots.serial import called
 from jssa_gym.types import Array
@@ -33,7 +33,7 @@ class Chain:
     """Ids of the arm's hinges, base to tip."""
     frozen: tuple[int, ...]
     """Ids of all others: they stay where they are."""
-    findings: tuple[Finding, ...]
+    findings: tuple[FileFinding, ...]
 
 
 def find_chain(
@@ -127,7 +127,7 @@ def _above(model: "mujoco.MjModel", body: int) -> list[int]:
     return way[::-1]
 
 
-def _to_tip(model: "mujoco.MjModel", hinges: list[int], tip: str) -> tuple[list[int], list[Finding]]:
+def _to_tip(model: "mujoco.MjModel", hinges: list[int], tip: str) -> tuple[list[int], list[FileFinding]]:
     bodies = {model.body(b).name: b for b in range(1, model.nbody)}
     if tip not in bodies:
         raise ParameterError(f"no body '{tip}'; there are {', '.join(filter(None, bodies))}")
@@ -135,7 +135,7 @@ def _to_tip(model: "mujoco.MjModel", hinges: list[int], tip: str) -> tuple[list[
     return [j for j in hinges if int(model.jnt_bodyid[j]) in way], []
 
 
-def _to_branch(model: "mujoco.MjModel", hinges: list[int]) -> tuple[list[int], list[Finding]]:
+def _to_branch(model: "mujoco.MjModel", hinges: list[int]) -> tuple[list[int], list[FileFinding]]:
     """Follow hinges from body to body until several ways lead on."""
     below: dict[int, list[int]] = {}
     for body in range(1, model.nbody):
@@ -160,7 +160,7 @@ def _to_branch(model: "mujoco.MjModel", hinges: list[int]) -> tuple[list[int], l
                 return joints, findings
             left = ", ".join(f"'{model.body(b).name}'" for _, b in others)
             text = f"is taken for the arm: {longest} hinges follow it, at most {others[0][0]} each follow {left}"
-            findings.append(Finding(f"body '{model.body(onward).name}'", text, "give --tip BODY for another one"))
+            findings.append(FileFinding(f"body '{model.body(onward).name}'", text, "give --tip BODY for another one"))
         body = onward
         joints += own.get(body, [])
 
@@ -203,7 +203,7 @@ def _referring(model: "mujoco.MjModel", joint: int) -> str:
     return f", with {', '.join(found)} that refer to it" if found else ""
 
 
-def _couplings(model: "mujoco.MjModel", joints: Sequence[int]) -> list[Finding]:
+def _couplings(model: "mujoco.MjModel", joints: Sequence[int]) -> list[FileFinding]:
     """What ties the arm's joints to each other or to the world: then they do not move independently."""
     import mujoco
 

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
@@ -104,7 +105,7 @@ def around(solid: Solid, effort: int = _FINE) -> Enclosure:
 
         def volume(x: Array, local: Array = local) -> float:
             start, end, radius = _fitted(local, radii, x * [1.0, 1.0, scale, scale, scale])
-            return np.pi * radius**2 * (np.linalg.norm(end - start) + 4.0 / 3.0 * radius)
+            return Enclosure(start, end, radius).volume
 
         low, high = local.min(axis=0), local.max(axis=0)
         guess = np.array([0.0, 0.0, *(low + high)[1:] / 2.0 / scale, 0.0])
@@ -203,7 +204,7 @@ def _hull_volume(solid: Solid) -> float:
         return 0.0
 
 
-def _outermost(points: Array) -> Array:
+def _outermost(points: Array) -> NDArray[np.integer]:
     """Indices of points whose hull is that of all."""
     if len(points) < 20:
         return np.arange(len(points))

@@ -13,7 +13,7 @@ from jssa_gym.robots.limits import LimitTable, guess_limits, read_limits
 from jssa_gym.robots.prepare.anatomy import Anatomy, Link, anatomy_of
 from jssa_gym.robots.prepare.chain import Chain, find_chain
 from jssa_gym.robots.prepare.enclose import Enclosure, Solid, enclose, outside
-from jssa_gym.robots.prepare.findings import Finding, obstacle, repaired
+from jssa_gym.robots.prepare.findings import FileFinding, obstacle, repaired
 from jssa_gym.robots.prepare.placing import base_column, placed, size_findings
 from jssa_gym.robots.prepare.posture import Looked, all_pairs, find_home, look, rounded, some_postures, useless
 from jssa_gym.robots.prepare.reading import Source, read_source
@@ -88,10 +88,10 @@ class Examination:
     home: Array
     """Shape (n,) [rad]."""
     limits: LimitTable
-    findings: tuple[Finding, ...]
+    findings: tuple[FileFinding, ...]
 
     @property
-    def obstacles(self) -> tuple[Finding, ...]:
+    def obstacles(self) -> tuple[FileFinding, ...]:
         """What has to be decided before a model can be written."""
         return tuple(finding for finding in self.findings if finding.stands)
 
@@ -128,7 +128,7 @@ def examine(path: str | Path, preparation: Preparation | None = None) -> Examina
     findings += moved
     if not anatomy.tool_name:
         text = "is the origin of the last link: no site or body of it has the name of a tool"
-        findings.append(Finding("the tool centre point", text, "give --tool NAME for another"))
+        findings.append(FileFinding("the tool centre point", text, "give --tool NAME for another"))
     covers = _covers(anatomy, wanted.uncovered, findings)
     column, told = base_column(anatomy)
     findings += told
@@ -150,7 +150,7 @@ def _names(anatomy: Anatomy) -> list[str]:
 # ---- capsules ------------------------------------------------------------------------------------------
 
 
-def _covers(anatomy: Anatomy, uncovered: Sequence[str], findings: list[Finding]) -> tuple[Cover, ...]:
+def _covers(anatomy: Anatomy, uncovered: Sequence[str], findings: list[FileFinding]) -> tuple[Cover, ...]:
     offsets = anatomy.chain["offset"].cumsum(axis=0)
     everywhere = [
         Enclosure(start + offset, end + offset, radius)
@@ -182,11 +182,11 @@ def _corners(solid: Solid) -> tuple[Array, Array]:
     return solid.triangles.reshape(-1, 3), np.repeat(solid.radius, 3)
 
 
-def _told(cover: Cover) -> Finding | None:
+def _told(cover: Cover) -> FileFinding | None:
     subject = f"link '{cover.body}'"
     if not cover.capsules:
         text = "is uncovered: nothing is measured there, and nothing is promised about it"
-        return Finding(subject, text)
+        return FileFinding(subject, text)
     if cover.own <= TOLERATED and cover.found:
         return None
     more = f"{len(cover.capsules)} capsule{'s' if len(cover.capsules) > 1 else ''} of radius "
@@ -201,7 +201,7 @@ def _told(cover: Cover) -> Finding | None:
 # ---- limits, pairs, home -------------------------------------------------------------------------------
 
 
-def _limits(source: Source, anatomy: Anatomy, wanted: Preparation, findings: list[Finding]) -> LimitTable:
+def _limits(source: Source, anatomy: Anatomy, wanted: Preparation, findings: list[FileFinding]) -> LimitTable:
     beside = source.path.with_suffix(".limits.toml")
     path = wanted.limits or (beside if beside.is_file() else None)
     if path is not None:
@@ -211,7 +211,9 @@ def _limits(source: Source, anatomy: Anatomy, wanted: Preparation, findings: lis
                 got = getattr(table, name).shape
                 raise RobotModelError(f"{path.name}: {name} limits have shape {got}, expected ({anatomy.n},)")
         if table.guessed:
-            findings.append(Finding("the limits", f"of {', '.join(table.guessed)} are a guess, as {path.name} says"))
+            findings.append(
+                FileFinding("the limits", f"of {', '.join(table.guessed)} are a guess, as {path.name} says")
+            )
         return table
     table = guess_limits(anatomy.joints, source.velocity, source.path.name)
     text = f"of {', '.join(table.guessed)} are a guess"
@@ -219,11 +221,11 @@ def _limits(source: Source, anatomy: Anatomy, wanted: Preparation, findings: lis
     return table
 
 
-def _posed(arm: Examination, findings: list[Finding]) -> tuple[Array, tuple[tuple[str, str], ...]]:
+def _posed(arm: Examination, findings: list[FileFinding]) -> tuple[Array, tuple[tuple[str, str], ...]]:
     """Home posture, and the pairs of capsules that are no self-collision."""
     anatomy = arm.anatomy
     named = arm.named_capsules()
-    capsules = np.array([(c.start, c.end, c.radius, link) for _, link, c in named], CAPSULE)
+    capsules: NDArray = np.array([(c.start, c.end, c.radius, link) for _, link, c in named], CAPSULE)
     if not len(capsules):
         findings.append(obstacle("the arm", "has no capsules", "leave one link covered at least"))
         return np.array(rounded(anatomy.ranges.mean(axis=1))), ()
@@ -237,16 +239,18 @@ def _posed(arm: Examination, findings: list[Finding]) -> tuple[Array, tuple[tupl
     excluded = tuple((named[i][0], named[j][0]) for i, j in pairs[dropped])
     for (one, other), share in zip(excluded, (looked.own < 0.0).mean(axis=0)[dropped], strict=True):
         text = f"overlap in {100.0 * share:.0f} % of all postures" + ("" if stated is None else ", or at home")
-        findings.append(Finding(f"capsules '{one}' and '{other}'", text, "they are no self-collision"))
+        findings.append(FileFinding(f"capsules '{one}' and '{other}'", text, "they are no self-collision"))
     home = stated
     if home is None:
         kept = Looked(looked.own[:, ~dropped], looked.table, looked.tip)
         home = find_home(postures, kept, anatomy.ranges, anatomy.reach, anatomy.chain["offset"][0])
         if home is None:
             text = "has no posture clear of table and itself"
-            findings.append(obstacle("the arm", text, f"give --home; nearest: {_nearest(named, pairs, looked, dropped)}"))
+            findings.append(
+                obstacle("the arm", text, f"give --home; nearest: {_nearest(named, pairs, looked, dropped)}")
+            )
             return rounded(anatomy.ranges.mean(axis=1)), excluded
-        findings.append(Finding("home", f"was looked for: {home.tolist()}", "give --home for another posture"))
+        findings.append(FileFinding("home", f"was looked for: {home.tolist()}", "give --home for another posture"))
     elif (low := _below(anatomy.chain, capsules, named, home)) is not None:
         findings.append(obstacle("home", f"{low}", "give --home for another posture"))
     return home, excluded
@@ -257,7 +261,9 @@ def _stated_home(arm: Examination) -> Array | None:
     ranges, model = arm.anatomy.ranges, arm.source.model
     if (home := arm.preparation.home) is not None:
         if len(home) != arm.anatomy.n or not np.all((ranges[:, 0] <= home) & (home <= ranges[:, 1])):
-            raise ParameterError(f"home has to be {arm.anatomy.n} numbers inside of {ranges.tolist()}, got {list(home)}")
+            raise ParameterError(
+                f"home has to be {arm.anatomy.n} numbers inside of {ranges.tolist()}, got {list(home)}"
+            )
         return np.array(home, float)
     keys = sorted(range(model.nkey), key=lambda k: model.key(k).name != "home")
     for k in keys:

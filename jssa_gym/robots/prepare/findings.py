@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class FileFinding:
     """Something about a file that somebody has to know."""
 
     subject: str
@@ -22,11 +22,11 @@ class Finding:
         return f"{self.subject} {self.text}" + (f": {self.remedy}" if self.remedy else "")
 
 
-def obstacle(subject: str, text: str, remedy: str) -> Finding:
+def obstacle(subject: str, text: str, remedy: str) -> FileFinding:
     """Something that only the user can decide."""
-    return Finding(subject, text, remedy, stands=True, fits=False)
+    return FileFinding(subject, text, remedy, stands=True, fits=False)
 
 
-def repaired(subject: str, text: str, remedy: str = "") -> Finding:
+def repaired(subject: str, text: str, remedy: str = "") -> FileFinding:
     """Something that keeps the file itself from being taken, and that a prepared model does without."""
-    return Finding(subject, text, remedy, fits=False)
+    return FileFinding(subject, text, remedy, fits=False)

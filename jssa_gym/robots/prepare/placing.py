@@ -6,7 +6,7 @@ import numpy as np
 
 from jssa_gym.robots.prepare.anatomy import Anatomy
 from jssa_gym.robots.prepare.enclose import MARGIN, Enclosure, Solid
-from jssa_gym.robots.prepare.findings import Finding, obstacle
+from jssa_gym.robots.prepare.findings import FileFinding, obstacle
 
 _OFF = 0.05
 """How far the first joint's axis may be from the upright axis, and the base's lowest point from the ground, before the
@@ -28,12 +28,14 @@ _UPRIGHT = 1e-3
 """Sine of the angle from the upright axis up to which a first joint turns about it."""
 
 
-def size_findings(anatomy: Anatomy) -> list[Finding]:
+def size_findings(anatomy: Anatomy) -> list[FileFinding]:
     """Questions about units."""
     found, reach = [], anatomy.reach
     if not _SMALLEST <= reach <= _LARGEST:
         text = f"reaches {reach:.3g} m"
-        found.append(obstacle("the arm", text, 'lengths have to be in metres: give its meshes scale="0.001 0.001 0.001"'))
+        found.append(
+            obstacle("the arm", text, 'lengths have to be in metres: give its meshes scale="0.001 0.001 0.001"')
+        )
     width = np.ptp(anatomy.ranges, axis=1)
     if width.max() < _NARROW:
         text = f"has no range wider than {width.max():.3g} rad"
@@ -45,7 +47,7 @@ def size_findings(anatomy: Anatomy) -> list[Finding]:
     return found
 
 
-def placed(anatomy: Anatomy) -> tuple[Anatomy, list[Finding]]:
+def placed(anatomy: Anatomy) -> tuple[Anatomy, list[FileFinding]]:
     """The arm with its first joint over the origin and its base on the ground, if it is far from there."""
     first = anatomy.chain["offset"][0]
     lowest = 0.0 if anatomy.base is None else float(_lowest(anatomy.base))
@@ -62,7 +64,9 @@ def placed(anatomy: Anatomy) -> tuple[Anatomy, list[Finding]]:
     chain["offset"][0] += shift
     base = anatomy.base and Solid(anatomy.base.triangles + shift, anatomy.base.radius)
     text = f"is moved by {np.round(shift, 4).tolist()} m"
-    told = Finding("the arm", text, "its first joint stands over the origin, about which people walk, its base at 0")
+    told = FileFinding(
+        "the arm", text, "its first joint stands over the origin, about which people walk, its base at 0"
+    )
     return replace(anatomy, chain=chain, base=base), [told]
 
 
@@ -70,7 +74,7 @@ def _lowest(solid: Solid) -> float:
     return float((solid.triangles[..., 2].min(axis=1) - solid.radius).min())
 
 
-def base_column(anatomy: Anatomy) -> tuple[Enclosure | None, list[Finding]]:
+def base_column(anatomy: Anatomy) -> tuple[Enclosure | None, list[FileFinding]]:
     """A capsule about an upright first joint around all that the base draws: it turns with the first link, in place."""
     if anatomy.base is None:
         return None, []
@@ -79,11 +83,11 @@ def base_column(anatomy: Anatomy) -> tuple[Enclosure | None, list[Finding]]:
     local = points - first
     if np.hypot(axis[0], axis[1]) > _UPRIGHT:
         text = "is neither measured nor avoided: the first joint does not turn about the upright axis"
-        return None, [Finding("the base", text)]
+        return None, [FileFinding("the base", text)]
     radius = float((np.hypot(local[:, 0], local[:, 1]) + radii).max()) + MARGIN
     if radius > _STOUT * anatomy.reach:
         text = f"reaches {radius:.2f} m from the first joint's axis and is neither measured nor avoided"
-        return None, [Finding("the base", text)]
+        return None, [FileFinding("the base", text)]
     radius = float(np.ceil(radius * 1e4) / 1e4)
     cap = np.sqrt((radius - radii) ** 2 - np.hypot(local[:, 0], local[:, 1]) ** 2)
     high, low = float((local[:, 2] - cap).max()), float((local[:, 2] + cap).min())

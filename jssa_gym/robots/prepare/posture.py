@@ -32,9 +32,7 @@ class Looked(NamedTuple):
     """Tool centre point, shape (k, 3) [m]."""
 
 
-def look(
-    links: NDArray, capsules: NDArray, pairs: NDArray[np.int64], tool: Array, postures: Array
-) -> Looked:
+def look(links: NDArray, capsules: NDArray, pairs: NDArray[np.int64], tool: Array, postures: Array) -> Looked:
     """Measure an arm in postures, shape (k, n) [rad].
 
     Args:

@@ -12,7 +12,7 @@ import numpy as np
 
 from jssa_gym.exceptions import RobotModelError
 from jssa_gym.headless import choose_gl_backend
-from jssa_gym.robots.prepare.findings import Finding, obstacle, repaired
+from jssa_gym.robots.prepare.findings import FileFinding, obstacle, repaired
 from jssa_gym.storage import read_text
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Source:
     model: "mujoco.MjModel"
     velocity: dict[str, float]
     """Velocity limits that the file states, by the joint's name [rad/s]."""
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[FileFinding, ...] = ()
 
 
 def read_source(path: str | Path, packages: Mapping[str, Path] | None = None) -> Source:
@@ -56,7 +56,7 @@ def read_source(path: str | Path, packages: Mapping[str, Path] | None = None) ->
         raise RobotModelError(f"no robot's file at {path}")
     text = read_text(path, RobotModelError)  # MuJoCo takes any bytes, and ends at the first NUL
     try:
-        root = ET.fromstring(text)  # noqa: S314  # what expat does with entities is bounded since 2.4
+        root = ET.fromstring(text)  # what expat does with entities is bounded since 2.4
     except ET.ParseError as error:
         raise RobotModelError(f"{path.name} is no XML: {error}") from error
     if path.suffix == ".xacro" or any(child.tag.startswith("{http://www.ros.org/wiki/xacro}") for child in root):
@@ -74,7 +74,7 @@ def read_source(path: str | Path, packages: Mapping[str, Path] | None = None) ->
 def _read_mjcf(path: Path) -> Source:
     import mujoco
 
-    findings: list[Finding] = []
+    findings: list[FileFinding] = []
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
@@ -94,7 +94,7 @@ def _give_mass(spec: "mujoco.MjSpec") -> None:
     spec.compiler.boundmass = spec.compiler.boundinertia = _LIGHTEST
 
 
-def _weightless(name: str) -> Finding:
+def _weightless(name: str) -> FileFinding:
     return repaired(name, "has bodies without mass or inertia", f"they get {_LIGHTEST:g} kg and kg m², for servo only")
 
 
@@ -108,10 +108,12 @@ def _words(error: Exception) -> str:
 def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> Source:
     import mujoco
 
-    findings: list[Finding] = []
+    findings: list[FileFinding] = []
     assets = _gather_meshes(path, root, packages, findings)
     velocity = _limits(root, findings)
-    moving = {child.get("link") for one in root.iter("joint") if one.get("type") != "fixed" for child in one.iter("child")}
+    moving = {
+        child.get("link") for one in root.iter("joint") if one.get("type") != "fixed" for child in one.iter("child")
+    }
     light = [one for one in root.iter("link") if one.get("name") in moving and one.find("inertial") is None]
     for own in root.findall("mujoco"):
         root.remove(own)
@@ -130,7 +132,7 @@ def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> So
     return Source(path, model, velocity, tuple(findings))
 
 
-def _limits(root: ET.Element, findings: list[Finding]) -> dict[str, float]:
+def _limits(root: ET.Element, findings: list[FileFinding]) -> dict[str, float]:
     """Velocity limits by joint; joints without end get one."""
     velocity = {}
     for joint in root.iter("joint"):
@@ -150,9 +152,11 @@ def _limits(root: ET.Element, findings: list[Finding]) -> dict[str, float]:
     return velocity
 
 
-def endless(name: str) -> Finding:
+def endless(name: str) -> FileFinding:
     """About a joint that turns without end."""
-    return repaired(f"joint '{name}'", "turns without end", "it gets the range of one turn in each direction, ±6.283 rad")
+    return repaired(
+        f"joint '{name}'", "turns without end", "it gets the range of one turn in each direction, ±6.283 rad"
+    )
 
 
 def _number(text: str | None) -> float:
@@ -163,7 +167,7 @@ def _number(text: str | None) -> float:
 
 
 def _gather_meshes(
-    path: Path, root: ET.Element, packages: Mapping[str, Path], findings: list[Finding]
+    path: Path, root: ET.Element, packages: Mapping[str, Path], findings: list[FileFinding]
 ) -> dict[str, bytes]:
     """Content of the meshes by the new names that they get; shapes that cannot be read are taken out, and said."""
     assets: dict[str, bytes] = {}

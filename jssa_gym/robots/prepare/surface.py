@@ -66,7 +66,10 @@ def _prism(radius: float, half: float) -> Array:
     low, high = (np.column_stack([rim, np.full(_ROUND, z)]) for z in (-half, half))
     after = np.roll(np.arange(_ROUND), -1)
     sides = [np.stack([low, high, high[after]], 1), np.stack([low, high[after], low[after]], 1)]
-    ends = [np.stack([np.full_like(end, 0.0) + [0, 0, z], end, end[after]], 1) for end, z in ((low, -half), (high, half))]
+    ends = [
+        np.stack([np.broadcast_to([0.0, 0.0, z], end.shape), end, end[after]], 1)
+        for end, z in ((low, -half), (high, half))
+    ]
     return np.concatenate([*sides, *ends])
 
 
@@ -75,7 +78,8 @@ def _ball() -> Array:
     tilt = np.linspace(0.0, np.pi, _ROUND // 2 + 1)
     turn = np.arange(_ROUND + 1) * 2.0 * np.pi / _ROUND
     grid = np.stack(
-        [np.outer(np.sin(tilt), np.cos(turn)), np.outer(np.sin(tilt), np.sin(turn)), np.outer(np.cos(tilt), turn**0)], -1
+        [np.outer(np.sin(tilt), np.cos(turn)), np.outer(np.sin(tilt), np.sin(turn)), np.outer(np.cos(tilt), turn**0)],
+        -1,
     )
     a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
     faces = np.concatenate([np.stack([a, b, c], 2).reshape(-1, 3, 3), np.stack([a, c, d], 2).reshape(-1, 3, 3)])

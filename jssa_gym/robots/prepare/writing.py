@@ -9,7 +9,7 @@ import numpy as np
 
 from jssa_gym.exceptions import RobotModelError
 from jssa_gym.robots.limits import LIMITS
-from jssa_gym.robots.model import COLLISION_GROUP
+from jssa_gym.robots.mjcf import COLLISION_GROUP
 from jssa_gym.robots.prepare.anatomy import zero_pose
 from jssa_gym.robots.prepare.enclose import Enclosure
 from jssa_gym.robots.prepare.examine import Examination
@@ -142,10 +142,14 @@ def _model(arm: Examination, assets: list[str], drawn: dict[int, list[str]]) -> 
     ]
     for i, (joint, link) in enumerate(zip(anatomy.joints, anatomy.links, strict=True)):
         low, high = anatomy.ranges[i]
-        lines.append(f'<body name={quoteattr(_body(arm, i))} pos="{_numbers(anatomy.chain["offset"][i])}" gravcomp="1">')
+        lines.append(
+            f'<body name={quoteattr(_body(arm, i))} pos="{_numbers(anatomy.chain["offset"][i])}" gravcomp="1">'
+        )
         mass, moment = max(link.mass, _LIGHT[0]), link.inertia + _LIGHT[1] * np.eye(3)
         full = (*np.diag(moment), moment[0, 1], moment[0, 2], moment[1, 2])
-        lines.append(f'<inertial mass="{mass!r}" pos="{_numbers(link.centre)}" fullinertia="{_numbers(np.array(full))}"/>')
+        lines.append(
+            f'<inertial mass="{mass!r}" pos="{_numbers(link.centre)}" fullinertia="{_numbers(np.array(full))}"/>'
+        )
         lines.append(
             f'<joint name={quoteattr(joint)} axis="{_numbers(anatomy.chain["axis"][i])}" '
             f'range="{float(low)!r} {float(high)!r}" armature="{float(armature[i])!r}"/>'
@@ -184,7 +188,7 @@ def _ends(capsule: Enclosure) -> str:
 
 
 def _turned_inertia(arm: Examination) -> Array:
-    """Inertia that each joint moves at home about its own axis, shape (n,) [kg m²]; at zero, near enough for a drive."""
+    """Inertia that each joint moves about its own axis with all joints at zero, shape (n,) [kg m²]."""
     anatomy = arm.anatomy
     anchors = anatomy.chain["offset"].cumsum(axis=0)
     found = []
