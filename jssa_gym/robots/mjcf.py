@@ -110,6 +110,7 @@ def _carried_to(model: "mujoco.MjModel", body: int, link: int, anchors: list[Arr
 def capsules_of(
     model: "mujoco.MjModel", link_of_body: dict[int, int], anchors: list[Array]
 ) -> tuple[NDArray, tuple[str, ...], list[int]]:
+    """Capsules in their links' frames, their names, and the bodies that they sit on."""
     import mujoco
 
     rows, names, bodies = [], [], []
@@ -132,6 +133,11 @@ def capsules_of(
 def tool_of(
     model: "mujoco.MjModel", site: str, link_of_body: dict[int, int], anchors: list[Array]
 ) -> tuple[int, Array]:
+    """Link of the tool centre point, and the point in its frame (3,) [m]; the last link's origin without a site.
+
+    Raises:
+        RobotModelError: The site does not move.
+    """
     for s in range(model.nsite):
         if model.site(s).name == site:
             body = int(model.site_bodyid[s])
@@ -143,6 +149,7 @@ def tool_of(
 
 
 def self_pairs_of(model: "mujoco.MjModel", link: NDArray, bodies: list[int]) -> NDArray[np.int64]:
+    """Pairs of capsules that are checked for self-collision, by their links and bodies, shape (p, 2)."""
     excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
     pairs = [
         (i, j)
