@@ -182,11 +182,23 @@ def _solid(
     model: "mujoco.MjModel", poses: Sequence["mujoco.MjData"], geoms: NDArray[np.int64], anchor: Array
 ) -> Solid | None:
     pieces = []
-    for data in poses:
-        for g in geoms:
-            triangles, radius = drawn(model, data, int(g))
-            pieces.append(Solid(triangles - anchor, np.full(len(triangles), radius)))
+    for g in geoms:
+        places = [drawn(model, data, int(g)) for data in poses]
+        triangles, radius = places[0]
+        for other, _ in places[1:]:
+            if not np.array_equal(other, places[0][0]):
+                triangles = np.concatenate([triangles, other, *_between(places[0][0], other)])
+        pieces.append(Solid(triangles - anchor, np.full(len(triangles), radius)))
     return joined(pieces) if pieces else None
+
+
+def _between(triangles: Array, moved: Array) -> list[Array]:
+    """Triangles that what slides from one place to another along a line sweeps over, edge by edge, (t, 3, 3) each."""
+    found = []
+    for i, k in ((0, 1), (1, 2), (2, 0)):
+        a, b, c, d = triangles[:, i], triangles[:, k], moved[:, k], moved[:, i]
+        found += [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
+    return found
 
 
 def _capsule(model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, anchor: Array) -> Enclosure:
