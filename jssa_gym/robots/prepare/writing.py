@@ -8,11 +8,14 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from jssa_gym.exceptions import RobotModelError
+from jssa_gym.kernels.chain import forward
+from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots.limits import LIMITS
 from jssa_gym.robots.mjcf import COLLISION_GROUP
 from jssa_gym.robots.prepare.anatomy import zero_pose
 from jssa_gym.robots.prepare.enclose import Enclosure
 from jssa_gym.robots.prepare.examine import Examination
+from jssa_gym.robots.prepare.posture import some_postures
 from jssa_gym.robots.prepare.reading import stl
 from jssa_gym.storage import write_whole
 from jssa_gym.types import Array
@@ -31,6 +34,9 @@ _STIFF = 120.0
 
 _LIGHT = (1e-3, 1e-6)
 """Least mass [kg] and inertia [kg m²] of a link."""
+
+_POSTURES = 100
+"""Postures in which the inertia is looked at that drives are made for."""
 
 _VISUAL = 2
 """Geom group of what is drawn."""
@@ -188,17 +194,19 @@ def _ends(capsule: Enclosure) -> str:
 
 
 def _turned_inertia(arm: Examination) -> Array:
-    """Inertia that each joint moves about its own axis with all joints at zero, shape (n,) [kg m²]."""
-    anatomy = arm.anatomy
-    anchors = anatomy.chain["offset"].cumsum(axis=0)
-    found = []
-    for i, axis in enumerate(anatomy.chain["axis"]):
-        total = 0.0
-        for link, anchor in zip(anatomy.links[i:], anchors[i:], strict=True):
-            away = np.cross(axis, anchor + link.centre - anchors[i])
-            total += float(axis @ link.inertia @ axis + link.mass * away @ away)
-        found.append(max(total, 10.0 * _LIGHT[1]))
-    return np.array(found)
+    """Largest inertia that each joint moves about its own axis over many postures, shape (n,) [kg m²]."""
+    anatomy, n = arm.anatomy, arm.anatomy.n
+    frames, found = records(n, FRAME), np.full(n, 10.0 * _LIGHT[1])
+    for posture in some_postures(anatomy.ranges)[:_POSTURES]:
+        forward(anatomy.chain, np.array([posture, np.zeros(n), np.zeros(n)]), frames)
+        for i in range(n):
+            axis, total = frames["axis"][i], 0.0
+            for link, frame in zip(anatomy.links[i:], frames[i:], strict=True):
+                away = np.cross(axis, frame["origin"] + frame["rotation"] @ link.centre - frames["origin"][i])
+                about = frame["rotation"].T @ axis
+                total += float(about @ link.inertia @ about + link.mass * away @ away)
+            found[i] = max(found[i], total)
+    return found
 
 
 # ---- limits --------------------------------------------------------------------------------------------
