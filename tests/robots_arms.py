@@ -18,12 +18,12 @@ def link(name, axis, inside, pos="0 0 .25", joint='range="-2 2"', drawn=None):
     )
 
 
-FINGERS = """
-<body name="left finger" pos="0 .02 .25"><joint name="left" type="slide" axis="0 1 0" range="0 .04"/>
-  <inertial mass=".1" pos="0 0 0" diaginertia=".001 .001 .001"/><geom name="left pad" type="box" size=".01 .005 .03"/></body>
-<body name="right finger" pos="0 -.02 .25"><joint name="right" type="slide" axis="0 -1 0" range="0 .04"/>
-  <inertial mass=".1" pos="0 0 0" diaginertia=".001 .001 .001"/><geom name="right pad" type="box" size=".01 .005 .03"/></body>
-"""
+FINGER = (
+    '<body name="{0} finger" pos="0 {1} .25"><joint name="{0}" type="slide" axis="0 {2} 0" range="0 .04"/>'
+    '<inertial mass=".1" pos="0 0 0" diaginertia=".001 .001 .001"/>'
+    '<geom name="{0} pad" type="box" size=".01 .005 .03"/></body>'
+)
+FINGERS = FINGER.format("left", 0.02, 1) + FINGER.format("right", -0.02, -1)
 REFERRING = """
 <tendon><fixed name="split"><joint joint="left" coef=".5"/><joint joint="right" coef=".5"/></fixed></tendon>
 <equality><joint name="mirrored" joint1="left" joint2="right"/></equality>

@@ -45,7 +45,7 @@ def test_nothing_sticks_out(seed, count, ball):
 def test_a_tube_gets_a_capsule_as_long_and_thick_as_it_is():
     turn = np.linspace(0.0, 2.0 * np.pi, 61)
     ring = np.stack([0.05 * np.cos(turn), 0.05 * np.sin(turn), np.zeros(61)], axis=1)
-    top = ring + [0.0, 0.0, 0.6]
+    top = ring + np.array([0.0, 0.0, 0.6])
     shape = solid([*np.stack([ring[:-1], ring[1:], top[1:]], 1), *np.stack([ring[:-1], top[1:], top[:-1]], 1)])
     (one,) = enclose(shape)
     assert one.radius == pytest.approx(0.05, abs=0.012)
