@@ -1,5 +1,6 @@
 """The environment: an arm driven by joint jerk beside people."""
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -21,9 +22,12 @@ from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.action import checked_action
+from jssa_gym.safety.postures import clearances, nearest
 from jssa_gym.tick.move import fill_observation, move
 from jssa_gym.types import Array, CapsuleSet, JointState, Scene
 from jssa_gym.validation import positive_number
+
+_logger = logging.getLogger("jssa_gym")
 
 DT = 0.008
 """Control step: 125 Hz, the paper's."""
@@ -175,6 +179,9 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if np.any(self.robot.mount != 0.0) and np.any(self.robot.mount != mount):
             raise ParameterError(f"the robot is mounted at {self.robot.mount}, scene {scene!r} puts it at {mount}")
         self.robot = self.robot.mounted(mount)
+        if min(clearances(self.robot, self.robot.home, self.planes)) <= 0.0:
+            told = nearest(self.robot, self.robot.home, self.planes)
+            _logger.warning("%s cannot move from home under a shield: %s", self.robot.name, told)
         self.human = make_human(self.task.human if human is None else human)
         self.dt = DT
         self.d_min = positive_number("d_min", d_min)

@@ -277,6 +277,17 @@ def test_capsules_that_always_overlap_are_no_self_collision(save, tmp_path):
     assert np.abs(env.unwrapped.scene.robot.position - start).max() > 1e-3
 
 
+def test_a_home_that_overlaps_is_named_when_an_environment_is_made(save, caplog):
+    """A shield would keep the arm there for good, and its reason would come with the first step only."""
+    ball = '<geom name="{}" type="sphere" group="3" size=".2"/>'
+    arm = link("c", "0 1 0", "", drawn=ball.format("third"))
+    arm = link("a", "0 0 1", link("b", "0 1 0", arm, "0 0 .1", drawn=ball.format("second")), drawn=ball.format("first"))
+    path = save(HEAD.format("stout", "") + arm + "</worldbody></mujoco>")
+    limits = {name: np.ones(3) for name in ("velocity", "acceleration", "jerk")}
+    gym.make("jssa_gym/Home-v0", robot=RobotModel.from_mjcf(path, **limits), human="none")
+    assert "stout cannot move from home under a shield: 'first' and 'third' are -50 mm apart" in caplog.text
+
+
 def test_a_base_is_enclosed_by_a_column_that_turns_in_place(save, tmp_path):
     foot = '<body name="foot"><geom type="box" size=".06 .06 .05" pos="0 0 .05"/></body>'
     mount = foot.replace("foot", "mount").removesuffix("</body>")
@@ -471,8 +482,9 @@ def test_own_files_whose_geoms_collide_follow_too(save):
     tube = '<geom type="capsule" group="3" size=".05" fromto="0 0 0  0 0 .25"/>'
     arm = link("one", "0 1 0", link("two", "0 1 0", "", drawn=tube), "0 0 .2", drawn=tube)
     servos = "".join(f'<position joint="{name} joint" kp="2000" kv="100"/>' for name in ("one", "two"))
-    stand = '<geom type="box" size=".1 .1 .12" pos="0 0 .12"/>'
-    path = save(HEAD.format("own", "") + stand + arm + f"</worldbody><actuator>{servos}</actuator></mujoco>")
+    stand = '<geom type="box" size=".02 .1 .3" pos=".14 0 .3"/>'
+    home = '<keyframe><key name="home" qpos=".3 0"/></keyframe>'
+    path = save(HEAD.format("own", "") + stand + arm + f"</worldbody><actuator>{servos}</actuator>{home}</mujoco>")
     robot = RobotModel.from_mjcf(path, velocity=[2.0] * 2, acceleration=[8.0] * 2, jerk=[80.0] * 2)
     env = gym.make("jssa_gym/Home-v0", robot=robot, dynamics="servo", human="none", scene="floor", terminate_on=())
     env.reset(seed=0)
