@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.identity import robot_identity
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS
 from jssa_gym.robots import DEFAULT, ROBOTS
@@ -75,6 +76,10 @@ class TrainConfig:
         if self.human is not None:
             known_name("human", self.human, HUMANS)
         known_name("control", self.control, get_args(Control))
+        if not isinstance(self.robot, str):
+            raise ParameterError(f"robot has to be a name, a file or a folder, got {self.robot!r}")
+        if self.robot != DEFAULT:
+            robot_identity(self.robot)  # there is such a robot
         if self.control == "tip" and self.robot not in ROBOTS:  # its policies hold the robot's name alone
             raise ParameterError(
                 f"control='tip' needs one of the package's robots, {', '.join(ROBOTS)}, got {self.robot!r}; take "
@@ -147,6 +152,8 @@ class TrainConfig:
         In how many processes it runs does not count, and how long it goes on only if its learning rate depends on it.
         """
         data = {**self.as_dict(), "processes": False}
+        if "robot" in data:
+            data["robot"] = robot_identity(self.robot)
         if not self.settings.decay:
             data["steps"] = 0
         return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from robots_arms import chain, gripper
+from robots_arms import gripper
 
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.proof import prove
@@ -146,9 +146,12 @@ def test_what_was_begun_with_the_paper_s_arm_is_the_same_as_ever(folder, tmp_pat
         Campaign(PRESETS["quick"], robot="ur3")
 
 
-def test_training_commands_of_the_tool_need_a_name(tmp_path):
-    path = tmp_path / "arm.xml"
-    path.write_text(chain(3))
+def test_training_commands_of_the_tool_need_a_name(folder):
     with pytest.raises(ParameterError, match="control='tip' needs one of the package's robots"):
-        TrainConfig(robot=str(path), control="tip")
-    assert TrainConfig(robot=str(path)).as_dict()["robot"] == str(path)
+        TrainConfig(robot=str(folder), control="tip")
+    config = TrainConfig(robot=str(folder))
+    assert TrainConfig.of(config.as_dict()) == config
+    before = config.digest
+    limits = folder / "robot.limits.toml"
+    limits.write_text(limits.read_text().replace("velocity = [3.14", "velocity = [2.14"))
+    assert config.digest != before
