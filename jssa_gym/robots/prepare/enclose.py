@@ -57,7 +57,7 @@ class Solid(NamedTuple):
         corners, radii = self.triangles.reshape(-1, 3), np.repeat(self.radius, 3)
         kept, kept_radii = [], []
         for radius in np.unique(radii):
-            some = np.unique(corners[radii == radius], axis=0)
+            some = corners[radii == radius]
             some = some[_outermost(some)]
             kept.append(some)
             kept_radii.append(np.full(len(some), radius))
