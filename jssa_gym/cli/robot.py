@@ -154,7 +154,7 @@ def _picture(robot: RobotModel) -> Any:
     """The arm at home, its capsules over what it draws."""
     world = World(robot.mounted((0.0, 0.0, SCENES["table"])), "table", pretty=True, width=720, height=720)
     reach = float(np.linalg.norm(robot.links["offset"], axis=1).sum())
-    world.camera.distance = 1.2 + 1.8 * reach
+    world.camera.distance = 0.9 + 1.4 * reach
     world.camera.lookat[:] = (0.2 * reach, 0.0, SCENES["table"] + 0.35 * reach)
     world.camera.azimuth, world.camera.elevation = 130.0, -15.0
     try:
@@ -188,12 +188,17 @@ def _plain(arm: Examination, proof: Proof | None) -> dict[str, Any]:
             for cover in arm.covers
         ],
         "acceptable": arm.acceptable,
-        "proof": proof and {**asdict(proof), "holds": proof.holds},
+        "proof": proof and {**asdict(proof), "uncovered": _finite(proof.uncovered), "holds": proof.holds},
     }
 
 
+def _finite(number: float) -> float | None:
+    """A number as JSON can hold it."""
+    return number if np.isfinite(number) else None
+
+
 def _millimetres(metres: float) -> float | None:
-    return round(1e3 * metres, 2) if np.isfinite(metres) else None
+    return _finite(round(1e3 * metres, 2))
 
 
 def _show(arm: Examination, written: bool) -> None:

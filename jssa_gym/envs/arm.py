@@ -139,7 +139,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         human: A name in :data:`jssa_gym.humans.HUMANS`, a motion, or several of them; None for the task's default.
         dynamics: ``"kinematic"`` or ``"servo"``.
         scene: ``"table"`` (the base stands at 0.87 m, the arm must stay above) or ``"floor"``.
-        robot: A name in :data:`jssa_gym.robots.ROBOTS`, a model, or an MJCF file with its limits beside it.
+        robot: A name, a model, an MJCF file with its limits beside it, or a folder of ``jssa-gym robot check --write``;
+            see :func:`~jssa_gym.robots.make_robot`.
         terminate_on: What ends an episode.
         d_min: Distance below which ``cost`` is 1 [m].
         render_mode: ``"rgb_array"``, ``"human"`` (a window; listed where there is a display) or None.

@@ -10,10 +10,13 @@ from robots_arms import HEAD, chain, gripper, link, two_arms, urdf
 
 import jssa_gym
 from jssa_gym.exceptions import ParameterError, RobotModelError
+from jssa_gym.humans import nobody
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.robots.limits import GUESSED_VELOCITY, read_limits
 from jssa_gym.robots.prepare import Preparation, examine, write_prepared
 from jssa_gym.robots.prepare.agreement import cover_of, kinematic_error
+from jssa_gym.safety.proximity import measure
+from jssa_gym.types import JointState
 
 ALL = Preparation(freeze=("all",))
 
@@ -349,6 +352,27 @@ def test_the_tool_is_the_site_that_is_named_so(save, tmp_path):
     np.testing.assert_allclose(robot.tool_offset, [0.0, 0.0, 0.25], atol=1e-12)
     named = examine(save(chain(3, last=last)), Preparation(tool="camera"))
     np.testing.assert_allclose(named.anatomy.tool, [0.0, 0.0, 0.1], atol=1e-12)
+
+
+def test_a_boom_stays_off_the_table(save, tmp_path):
+    """Its first joint is horizontal: the column of an upright one would not turn in place, and nothing stands."""
+    boom = chain(3, pos="0 0 .3").replace('axis="0 0 1"', 'axis="0 1 0"', 1)
+    arm, robot = prepared(save(boom), tmp_path, Preparation(home=(0.3, 0.5, 0.0)))
+    assert arm.column is None
+    down = np.array([1.0, 1.0, 0.0])
+    free = gym.make("jssa_gym/Home-v0", robot=robot, human="none", terminate_on=())
+    lowest = {}
+    for name, env in (("none", free), ("shield", jssa_gym.JSSAShield(free))):
+        env.reset(seed=0)
+        for _ in range(200):
+            env.step(down)
+        base = env.unwrapped
+        zero = np.zeros(3)
+        near = measure(base.robot, JointState(base.scene.robot.position, zero, zero), nobody(), base.planes)
+        assert np.isfinite(near.planes).all()
+        lowest[name] = near.planes.min()
+    assert lowest["none"] < -0.01
+    assert 0.0 < lowest["shield"] < 0.1
 
 
 # ---- limits --------------------------------------------------------------------------------------------
