@@ -519,7 +519,7 @@ MUTANTS = [
     ),
     Mutant(
         "capsules kept though they hold half",
-        "robots/prepare/examine.py",
+        "robots/prepare/covering.py",
         "kept = link.found if own <= TOLERATED else ()",
         "kept = link.found",
         (PREPARE, "kept_and_others"),

@@ -129,7 +129,7 @@ def check_coverage(
         return says(f"the link of {called(model, mujoco.mjtObj.mjOBJ_JOINT, joints[link.link])}", link.geoms)
 
     links = [link for link in coverage(model, joints, link_of_body, home, group) if link.link not in spared]
-    if parts := [f"{told(link)}, {fault}" for link in links if (fault := _fault(link))]:
+    if parts := [f"{told(link)}, {fault}" for link in links if (fault := fault_of_cover(link))]:
         raise RobotModelError(
             f"{'; '.join(parts)}: distances are measured with capsules alone, so enclose what a link draws in capsules "
             f"of group {group}"
@@ -142,7 +142,7 @@ def check_coverage(
         _logger.warning(_NOTE, says("the base", geoms), 1e3 * out)
 
 
-def _fault(link: Coverage) -> str:
+def fault_of_cover(link: Coverage) -> str:
     """Why a link is not measured; empty if it is."""
     if not link.capsules and link.joined > COVERED:
         return "has no capsule, and reaches " + (

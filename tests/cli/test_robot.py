@@ -53,6 +53,14 @@ def test_it_is_prepared_proved_and_drawn(here, arm, tmp_path):
     assert (out / "robot.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_certify_goes_over_the_written_model(here, arm, tmp_path, monkeypatch):
+    begun = []
+    monkeypatch.setattr("jssa_gym.cli.robot.Certify.run", lambda self: begun.append((self.robot, self.out)))
+    out = tmp_path / "out"
+    here("robot", "check", arm, "--freeze", "all", "--write", out, "--no-prove", "--certify")
+    assert begun == [(str(out), out / "certificate")]
+
+
 def test_nothing_is_written_before_all_is_decided(here, arm, tmp_path):
     run = here("robot", "check", arm, "--write", tmp_path / "out")
     assert run.returncode == 1

@@ -233,6 +233,37 @@ def test_capsules_that_hold_all_are_kept_and_others_are_not(save, tmp_path):
     assert "link 'fine'" not in told
 
 
+@pytest.mark.parametrize("name", ["ur5e", "fr3"])
+def test_what_ships_is_acceptable_as_it_is(name):
+    arm = examine(make_robot(name).mjcf)
+    assert arm.acceptable, messages(arm, False)
+    assert arm.limits.source
+
+
+def test_a_file_is_acceptable_if_the_reader_of_models_takes_it(save):
+    """But for its limits, which are no part of it."""
+    flange = '<geom name="flange" type="box" group="2" size=".02 .02 .02"/>'
+    long, short = capsule(0.06), capsule(0.05, 0.2)
+    beam = '<geom type="box" size=".03 .03 .12" pos="0 0 .125" group="2"/>'
+    cases = {
+        "inside the link before it": (long + beam, flange, True),
+        "out of the link before it": (capsule(0.06, 0.2) + beam, flange, False),
+        "a little out of its own": (long + beam, short + beam, True),
+        "no capsule": (long + beam, beam, False),
+    }
+    table = save('unit = "rad"\nvelocity = [1, 2]\nacceleration = [1, 2]\njerk = [1, 2]\n', "arm.limits.toml")
+    for told, (lower, upper, sound) in cases.items():
+        arm = link("one", "0 0 1", link("two", "0 1 0", "", drawn=upper), "0 0 .1", drawn=lower)
+        path = save(HEAD.format("two", "") + arm + "</worldbody></mujoco>")
+        assert examine(path).acceptable == sound, told
+        limits = read_limits(table)
+        if sound:
+            make_robot(path)
+        else:
+            with pytest.raises(RobotModelError, match="joint 'two joint' draws"):
+                RobotModel.from_mjcf(path, velocity=limits.velocity, acceleration=limits.acceleration, jerk=limits.jerk)
+
+
 def test_one_capsule_of_three_is_no_arm(save, tmp_path):
     """What was once accepted: the drawn arm then moved inside a person while the report said 0."""
     links = ""

@@ -1,6 +1,6 @@
 """An arm's file from reading to a model that can be guarded: everything that is wrong with it, at once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,17 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.kernels.records import CAPSULE
 from jssa_gym.robots.limits import LimitTable, guess_limits, read_limits
-from jssa_gym.robots.prepare.anatomy import Anatomy, Link, anatomy_of
+from jssa_gym.robots.prepare.anatomy import Anatomy, anatomy_of
 from jssa_gym.robots.prepare.chain import Chain, find_chain
-from jssa_gym.robots.prepare.enclose import Enclosure, Solid, enclose, outside
+from jssa_gym.robots.prepare.covering import Cover, cover_links
+from jssa_gym.robots.prepare.enclose import Enclosure
 from jssa_gym.robots.prepare.findings import FileFinding, obstacle, repaired
 from jssa_gym.robots.prepare.placing import base_column, placed, size_findings
 from jssa_gym.robots.prepare.posture import Looked, all_pairs, find_home, look, rounded, some_postures, useless
 from jssa_gym.robots.prepare.reading import Source, read_source
 from jssa_gym.types import Array
-
-TOLERATED = 1e-3
-"""How far what a link draws may lie outside of its capsules [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,33 +41,6 @@ class Preparation:
     """Table of limits; None for the one beside the file, or a guess."""
     packages: Mapping[str, Path] = field(default_factory=dict)
     """Folders of packages that a URDF names."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cover:
-    """How one link's drawn surface lies in capsules."""
-
-    joint: str
-    body: str
-    found: tuple[str, ...]
-    """Names of the capsules that the file gives it."""
-    own: float
-    """Farthest drawn corner outside of those [m]; inf without any, 0 if all lie inside or nothing is drawn."""
-    arm: float
-    """The same outside of all capsules of the file, in the posture with all joints at 0 [m]."""
-    kept: tuple[Enclosure, ...]
-    """Those capsules if they hold all that is drawn, else none; in the link's frame."""
-    capsules: tuple[Enclosure, ...]
-    """Those of the prepared model."""
-    left: float
-    """Farthest drawn corner outside of these [m]; negative where all lie inside; inf for uncovered links."""
-
-    def named(self) -> list[tuple[str, Enclosure]]:
-        """The capsules of the prepared model with names: those of the file where it gives them, else the link's."""
-        if self.capsules == self.kept and not any(name.startswith("geom ") for name in self.found):
-            return list(zip(self.found, self.capsules, strict=True))
-        several = len(self.capsules) > 1
-        return [(self.body + (f"_{k + 1}" if several else ""), one) for k, one in enumerate(self.capsules)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,7 +100,7 @@ def examine(path: str | Path, preparation: Preparation | None = None) -> Examina
     if not anatomy.tool_name:
         text = "is the origin of the last link: no site or body of it has the name of a tool"
         findings.append(FileFinding("the tool centre point", text, "give --tool NAME for another"))
-    covers = _covers(anatomy, wanted.uncovered, findings)
+    covers = cover_links(source, chain, anatomy, wanted.uncovered, findings)
     column, told = base_column(anatomy)
     findings += told
     limits = _limits(source, anatomy, wanted, findings)
@@ -145,57 +116,6 @@ def examine(path: str | Path, preparation: Preparation | None = None) -> Examina
 
 def _names(anatomy: Anatomy) -> list[str]:
     return [*(link.body for link in anatomy.links), *anatomy.joints]
-
-
-# ---- capsules ------------------------------------------------------------------------------------------
-
-
-def _covers(anatomy: Anatomy, uncovered: Sequence[str], findings: list[FileFinding]) -> tuple[Cover, ...]:
-    offsets = anatomy.chain["offset"].cumsum(axis=0)
-    everywhere = [
-        Enclosure(start + offset, end + offset, radius)
-        for link, offset in zip(anatomy.links, offsets, strict=True)
-        for start, end, radius in link.found
-    ]
-    covers = []
-    for joint, link, offset in zip(anatomy.joints, anatomy.links, offsets, strict=True):
-        cover = _cover(joint, link, offset, everywhere, joint in uncovered or link.body in uncovered)
-        covers.append(cover)
-        if link.solid is not None and (told := _told(cover)):
-            findings.append(told)
-    return tuple(covers)
-
-
-def _cover(joint: str, link: Link, offset: Array, everywhere: list[Enclosure], uncovered: bool) -> Cover:
-    if link.solid is None:
-        return Cover(joint, link.body, link.names, 0.0, 0.0, link.found, link.found, -np.inf)
-    corners, radii = _corners(link.solid)
-    own = float(outside(corners, radii, list(link.found)).max())
-    arm = float(outside(corners + offset, radii, everywhere).max())
-    kept = link.found if own <= TOLERATED else ()
-    capsules = () if uncovered else kept or tuple(enclose(link.solid))
-    left = float(outside(corners, radii, list(capsules)).max())
-    return Cover(joint, link.body, link.names, max(own, 0.0), max(arm, 0.0), kept, capsules, left)
-
-
-def _corners(solid: Solid) -> tuple[Array, Array]:
-    return solid.triangles.reshape(-1, 3), np.repeat(solid.radius, 3)
-
-
-def _told(cover: Cover) -> FileFinding | None:
-    subject = f"link '{cover.body}'"
-    if not cover.capsules:
-        text = "is uncovered: nothing is measured there, and nothing is promised about it"
-        return FileFinding(subject, text)
-    if cover.own <= TOLERATED and cover.found:
-        return None
-    more = f"{len(cover.capsules)} capsule{'s' if len(cover.capsules) > 1 else ''} of radius "
-    more += ", ".join(f"{1e3 * capsule.radius:.0f}" for capsule in cover.capsules) + " mm enclose it"
-    remedy = f"{more}, or give --uncovered {cover.body}"
-    if not cover.found:
-        return repaired(subject, "draws something and has no capsule", remedy)
-    text = f"reaches {1e3 * cover.own:.0f} mm out of its own capsules and {1e3 * cover.arm:.0f} mm out of all"
-    return repaired(subject, text, remedy)
 
 
 # ---- limits, pairs, home -------------------------------------------------------------------------------
