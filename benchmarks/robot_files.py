@@ -57,7 +57,7 @@ def row(package: str, file: str, found: dict[str, Any]) -> str:
     outside = [link["outside_own_mm"] for link in found["links"]]
     bare = sum(link["capsules_found"] == 0 for link in found["links"])
     worst = max((value for value in outside if value is not None), default=None)
-    said = "no capsules" if bare == len(outside) else f"{worst:.0f} mm" + (f", {bare} links bare" if bare else "")
+    said = "no capsules" if bare == len(outside) else f"{worst:.0f} mm" + (f", {bare} without any" if bare else "")
     proof = found["proof"]
     if proof is None or not proof["holds"]:
         outcome = "not prepared | | "
