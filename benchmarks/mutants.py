@@ -534,8 +534,8 @@ MUTANTS = [
     Mutant(
         "what is drawn collides in the simulator",
         "envs/world.py",
-        "                geom.contype = geom.conaffinity = 0",
-        "                pass",
+        "            geom.contype = geom.conaffinity = 0",
+        "            pass",
         (PREPARE, "geoms_collide"),
     ),
     # what gives way gradually, what planners offer, and rows from a predicted miss

@@ -71,11 +71,11 @@ class World:
         spec = mujoco.MjSpec()
         _decorate(spec, scene, pretty, width, height)
         frame = spec.worldbody.add_frame(pos=robot.mount.tolist())
-        spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf)), prefix="robot/", frame=frame)
-        for geom in spec.geoms:
-            if geom.name.startswith("robot/") or geom.parent.name.startswith("robot/"):
-                # the shield keeps the arm off itself; MuJoCo would push apart what overlaps by its make
-                geom.contype = geom.conaffinity = 0
+        arm = mujoco.MjSpec.from_file(str(robot.mjcf))
+        for geom in arm.geoms:
+            # the shield keeps the arm off itself; MuJoCo would push apart what overlaps by its make
+            geom.contype = geom.conaffinity = 0
+        spec.attach(arm, prefix="robot/", frame=frame)
         spec.option.timestep = _SUBSTEP
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model = spec.compile()

@@ -375,6 +375,18 @@ def test_without_a_keyframe_home_is_looked_for_and_clear(save, tmp_path):
     np.testing.assert_allclose(given.home, [0.1, 0.2, 0.3, 0.4])
 
 
+def test_a_folder_holds_the_arm_that_was_written_last(save, tmp_path):
+    mesh = '<asset><mesh name="cube" vertex="-1 -1 -1  1 -1 -1  -1 1 -1  -1 -1 1" scale=".03 .03 .03"/></asset>'
+    cube = '<geom type="mesh" mesh="cube"/>'
+    inside = link("two", "0 1 0", "", drawn=cube)
+    arm = HEAD.format("cubes", mesh) + link("one", "0 0 1", inside, "0 0 .1", drawn=cube) + "</worldbody></mujoco>"
+    prepared(save(arm), tmp_path)
+    assert len(list((tmp_path / "out" / "meshes").iterdir())) == 2
+    _, robot = prepared(save(gripper()), tmp_path)
+    assert robot.n == 4
+    assert list((tmp_path / "out" / "meshes").iterdir()) == []
+
+
 def test_the_tool_is_the_site_that_is_named_so(save, tmp_path):
     sites = '<site name="camera" pos="0 0 .1"/><site name="attachment_site" pos="0 0 .25"/>'
     last = link("last", "0 1 0", sites)

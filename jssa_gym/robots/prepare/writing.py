@@ -57,6 +57,9 @@ def write_prepared(arm: Examination, folder: str | Path) -> Path:
     assets, drawn = _visuals(arm, meshes)
     write_whole(folder / Path(MODEL).with_suffix(".limits.toml"), _limits(arm))
     write_whole(folder / MODEL, _model(arm, assets, drawn))
+    for old in meshes.glob("drawn_*.stl"):  # of an arm that was there before
+        if int(old.stem.removeprefix("drawn_")) >= len(assets):
+            old.unlink()
     return folder
 
 
