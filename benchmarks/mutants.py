@@ -35,6 +35,8 @@ CLOSED = "tests/shields/test_fail_closed.py"
 OFFERS = "tests/shields/test_offers.py"
 MARGIN = "tests/kernels/test_margin.py"
 MOVED = "tests/evaluation/test_motion.py"
+PREPARE = "tests/robots/test_prepare.py"
+ENCLOSE = "tests/robots/test_enclose.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -556,6 +558,63 @@ MUTANTS = [
         "return np.radians(np.array(degrees))",
         "return np.array(degrees)",
         ("tests/robots/test_model.py", "limit"),
+    ),
+    # arms' files
+    Mutant(
+        "capsules around the middle of what is drawn",
+        "robots/prepare/enclose.py",
+        "radius = float((aside + radii).max()) + abs(float(x[4]))",
+        "radius = float(np.quantile(aside + radii, 0.9)) + abs(float(x[4]))",
+        (ENCLOSE, "sticks_out"),
+    ),
+    Mutant(
+        "what a plane cuts is left to neither side",
+        "robots/prepare/enclose.py",
+        "    for alone in (1, 2):",
+        "    for alone in ():",
+        (ENCLOSE, "cut_are_held or bracket"),
+    ),
+    Mutant(
+        "fingers held only where they are frozen",
+        "robots/prepare/anatomy.py",
+        "triangles = np.concatenate([triangles, other, *_between(places[0][0], other)])",
+        "triangles = places[0][0]",
+        (PREPARE, "wherever_they_slide"),
+    ),
+    Mutant(
+        "slides are let through",
+        "robots/prepare/chain.py",
+        "        if free or j in asked:",
+        "        if True:",
+        (PREPARE, "one_list"),
+    ),
+    Mutant(
+        "ties are let through",
+        "robots/prepare/chain.py",
+        "    findings += _couplings(model, joints)",
+        "    findings += _couplings(model, joints)[:0]",
+        (PREPARE, "ties_the_arm"),
+    ),
+    Mutant(
+        "capsules kept though they hold half",
+        "robots/prepare/covering.py",
+        "kept = link.found if own <= TOLERATED else ()",
+        "kept = link.found",
+        (PREPARE, "kept_and_others"),
+    ),
+    Mutant(
+        "an arm without capsules on some links is taken",
+        "robots/model.py",
+        "        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP, spared)",
+        "        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP, range(len(joints)))",
+        (PREPARE, "one_capsule_of_three"),
+    ),
+    Mutant(
+        "what is drawn collides in the simulator",
+        "envs/world.py",
+        "            geom.contype = geom.conaffinity = 0",
+        "            pass",
+        (PREPARE, "geoms_collide"),
     ),
     # what gives way gradually, what planners offer, and rows from a predicted miss
     Mutant(

@@ -36,7 +36,7 @@ HEAVY = {
     "matplotlib": ("plots",),
     "av": ("plots",),
     "mujoco": (
-        *("headless", "robots.coverage", "robots.model", "robots.serial"),
+        *("headless", "robots.coverage", "robots.mjcf", "robots.model", "robots.prepare", "robots.serial"),
         *("envs.opengl", "envs.world", "evaluation.oracle"),
     ),
 }

@@ -16,6 +16,7 @@ from jssa_gym.cli.demo import Demo
 from jssa_gym.cli.evaluate import Evaluate
 from jssa_gym.cli.replay import Replay
 from jssa_gym.cli.reproduce import Reproduce
+from jssa_gym.cli.robot import RobotCommand
 from jssa_gym.cli.stress import Stress
 from jssa_gym.cli.train import Train
 from jssa_gym.evaluation.ledger import package_version
@@ -30,7 +31,8 @@ Command = Annotated[
     | Annotated[Compare, tyro.conf.subcommand("compare")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
-    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")],
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+    | Annotated[RobotCommand, tyro.conf.subcommand("robot")],
     tyro.conf.arg(name=""),
 ]
 

@@ -3,18 +3,20 @@
 import dataclasses
 import json
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium as gym
 from rich.table import Table
 
 from jssa_gym.cli import stopwatch
 from jssa_gym.cli.demo import paper_scene
+from jssa_gym.cli.names import ROBOT
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.stopwatch import Timing
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.blocked import warning
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import JSSAShield
 
 
@@ -24,6 +26,7 @@ class Bench:
 
     rounds: int = 10
     """How often every scene of the recorded episode is timed."""
+    robot: Annotated[str, ROBOT] = DEFAULT
     compile: bool = True
     """Also time the first use in a new process, with an empty and with a filled compile cache."""
     json: bool = False
@@ -41,11 +44,12 @@ class Bench:
             def done(next_task: str) -> None:
                 progress.update(task, advance=1, description=next_task)
 
-            robot, dt, scenes = stopwatch.record_scenes(paper_scene(0.8))
+            robot, dt, scenes = stopwatch.record_scenes(paper_scene(0.8), self.robot)
             done("decisions")
             timings += stopwatch.time_decisions(robot, dt, scenes, self.rounds)
             done("steps")
-            plain = lambda: gym.make("jssa_gym/Home-v0", human=paper_scene(0.8), terminate_on=())  # noqa: E731
+            scene: dict[str, Any] = {"human": paper_scene(0.8), "robot": self.robot, "terminate_on": ()}
+            plain = lambda: gym.make("jssa_gym/Home-v0", **scene)  # noqa: E731
             steps = 1000 * self.rounds
             timings.append(stopwatch.time_steps(plain, "env.step", steps))
             for name, shield in (
@@ -59,7 +63,7 @@ class Bench:
             timings += stopwatch.time_distances(robot, scenes, self.rounds)
             done("first use")
             if self.compile:
-                first = stopwatch.time_first_use()
+                first = stopwatch.time_first_use(self.robot)
             done("cbfpy, if it is installed")
             peer = stopwatch.cbfpy_report()
             done("")

@@ -43,7 +43,7 @@ class Certify:
     d_min: float = DEFAULT.d_min
     """Margin of the index [m]."""
     robot: str = "lr_mate_200id_7l"
-    """Name of a robot, or an MJCF file with its limits beside it."""
+    """Name of a robot, an MJCF file with its limits beside it, or a folder of jssa-gym robot check --write."""
     capsules: tuple[str, ...] = ()
     """Of the robot; all that more than one joint moves if there is none."""
     tip_speed: float = _DEFAULT.tip_speed

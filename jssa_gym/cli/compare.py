@@ -10,13 +10,14 @@ import tyro
 from rich.table import Table
 
 from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.comparison_page import write_page
 from jssa_gym.evaluation.leaderboard import UNFILTERED, Standing, median_time_to_goal, standings
 from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
+from jssa_gym.robots import DEFAULT
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Compare:
     """How many recordings of the worst episodes of every combination are kept."""
     v_safe: float = MOVING
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
+    robot: Annotated[str, ROBOT] = DEFAULT
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
@@ -65,6 +67,7 @@ class Compare:
             v_safe=self.v_safe,
             separation=self.separation.params(),
             trust_pickle=self.trust_pickle,
+            robot=self.robot,
         )
         reports = play(study, self.out, self.jobs, self.keep)
         ranked = standings(reports)
@@ -89,6 +92,8 @@ class Compare:
             parts += [f"--{name.replace('_', '-')}", str(getattr(self, name))]
         for name, value in asdict(self.separation).items():
             parts += [f"--{name.replace('_', '-')}", str(value)]
+        if self.robot != DEFAULT:
+            parts += ["--robot", self.robot]
         return shlex.join([*parts, "--trust-pickle"] if self.trust_pickle else parts)
 
 

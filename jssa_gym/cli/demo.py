@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,6 +15,7 @@ from rich.table import Table
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.film import EVERY, film, pictures, require_film
+from jssa_gym.cli.names import ROBOT
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
@@ -24,6 +25,7 @@ from jssa_gym.evaluation.blocked import blocked, warning
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import ApproachRetreat, HumanMotion
 from jssa_gym.policies import HoldPolicy, LearnedPolicy, Policy, load_policy
+from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import JSSAShield
 from jssa_gym.validation import positive_number, whole_number
 
@@ -42,6 +44,7 @@ class Demo:
     """Folder for figure, film and metrics."""
     speed: float = 0.8
     """The person's walking speed [m/s]."""
+    robot: Annotated[str, ROBOT] = DEFAULT
     policy: str | None = None
     """A trained policy, by name or file, on its own task beside that task's person, instead of the paper's scene."""
     seed: int = 0
@@ -101,7 +104,7 @@ class Demo:
 
     def _scene(self, steps: int) -> tuple[Callable[[], gym.Env], Callable[[gym.Env], Policy]]:
         """What makes the environment, and what drives the arm in it."""
-        free: dict[str, Any] = {"terminate_on": (), "max_episode_steps": steps}
+        free: dict[str, Any] = {"terminate_on": (), "max_episode_steps": steps, "robot": self.robot}
         speed = positive_number("speed", self.speed)
         whole_number("seed", self.seed)
         if self.policy is None:

@@ -12,7 +12,7 @@ import tyro
 from rich.table import Table
 
 from jssa_gym.cli.files import write_json
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, TASK
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT, MOVING
@@ -23,6 +23,7 @@ from jssa_gym.evaluation.slowdown import slowdown
 from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import DEFAULT
 from jssa_gym.text import counted
 
 
@@ -100,6 +101,7 @@ class Evaluate:
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     slowdown: bool = False
     """Play the goals without filter and people as well, into the folder's `alone`; slowdown.json compares times."""
+    robot: Annotated[str, ROBOT] = DEFAULT
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
@@ -120,6 +122,7 @@ class Evaluate:
             v_safe=self.v_safe,
             separation=self.separation.params(),
             trust_pickle=self.trust_pickle,
+            robot=self.robot,
         )
         (report,) = play(study, self.out, self.jobs, self.keep)
         lost = None

@@ -5,6 +5,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from jssa_gym import plots
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.storage import whole_file, write_whole
 
@@ -21,6 +25,16 @@ def write_figure(path: Path, figure: "Figure") -> None:
     """Write a picture, of the kind that its ending says, into a file that is complete or not there."""
     with whole_file(path) as file:
         figure.savefig(file, dpi=110, format=path.suffix[1:])
+
+
+def write_picture(path: Path, pixels: NDArray[np.uint8]) -> None:
+    """Write pixels (height, width, 3) as PNG into a file that is complete or not there.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    with whole_file(path) as file:
+        plots.write_png(file, pixels)
 
 
 def writable_folder(path: Path) -> None:

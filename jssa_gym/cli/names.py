@@ -8,6 +8,7 @@ from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS
 from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.policies import POLICIES, shipped_policies
+from jssa_gym.robots import MENAGERIE, ROBOTS
 from jssa_gym.shields import FILTERS, PROFILES, STOP, TASK_SHIELD
 
 
@@ -24,6 +25,11 @@ FILTER = _says(
 HUMAN = _says("People by name", PEOPLE)
 POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", (*POLICIES, *shipped_policies()))
 """Of what is evaluated."""
+
+ROBOT = _says(
+    "Robot by name, its MJCF file with limits beside it, or a folder of jssa-gym robot check --write",
+    (*ROBOTS, *MENAGERIE),
+)
 
 SHIELDS = _says(
     f"Shields by name, whole and weakened; filters by their own names too, bare or with {STOP} behind them; full is "

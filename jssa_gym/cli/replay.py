@@ -51,8 +51,8 @@ class Replay:
     read or run unless it is repeated here."""
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
-    robot: Path | None = None
-    """MJCF file of a robot that is not the package's own."""
+    robot: str | None = None
+    """MJCF file or prepared folder of a robot that is not the package's own."""
 
     def run(self) -> None:
         """Read, judge, draw."""
@@ -74,7 +74,9 @@ class Replay:
             _tell(verdict, console)
         if self.again:
             find_policies_here([self.policy or ""])
-            same = _same(trace, played_again(meta, policy=self.policy, trust_pickle=self.trust_pickle))
+            same = _same(
+                trace, played_again(meta, policy=self.policy, robot=self.robot, trust_pickle=self.trust_pickle)
+            )
             agrees = agrees and same
             console.say(
                 f"played again: {'the same bit for bit' if same else 'DIFFERENT'} (SHA-256 {digest_of(trace)[:16]})"

@@ -48,18 +48,18 @@ def _timing(name: str, times: list[float], faults: list[str] | None = None) -> T
     return Timing(name, float(np.median(times)), float(np.percentile(times, 99)), len(times), blocked)
 
 
-def record_scenes(env_human: Any, steps: int = 1000) -> tuple[RobotModel, float, list[tuple[Scene, Array]]]:
+def record_scenes(env_human: Any, robot: str, steps: int = 1000) -> tuple[RobotModel, float, list[tuple[Scene, Array]]]:
     """Scenes and nominal jerks of a shielded episode, for filters to be timed on."""
-    env = JSSAShield(gym.make("jssa_gym/Home-v0", human=env_human, terminate_on=()))
+    env = JSSAShield(gym.make("jssa_gym/Home-v0", human=env_human, robot=robot, terminate_on=()))
     policy, base = HoldPolicy(env), env.unwrapped
-    robot, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
+    arm, dt = env.get_wrapper_attr("robot"), env.get_wrapper_attr("dt")
     observation, _ = env.reset(seed=0)
     scenes = []
     for _ in range(steps):
         action = policy(observation)
-        scenes.append((base.get_wrapper_attr("scene"), np.asarray(action) * robot.limits.jerk))
+        scenes.append((base.get_wrapper_attr("scene"), np.asarray(action) * arm.limits.jerk))
         observation, *_ = env.step(action)
-    return robot, dt, scenes
+    return arm, dt, scenes
 
 
 def time_decisions(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array]], rounds: int) -> list[Timing]:
@@ -184,10 +184,10 @@ def time_steps(build: Callable[[], gym.Env], name: str, steps: int) -> Timing:
 
 
 _FIRST_USE = """
-import time
+import sys, time
 import gymnasium as gym, jssa_gym
 start = time.perf_counter()
-env = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0"))
+env = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", robot=sys.argv[1]))
 policy = jssa_gym.HoldPolicy(env)
 observation, _ = env.reset(seed=0, options={"human_start": [1.0, 0.0]})
 for _ in range(100):
@@ -196,14 +196,14 @@ print(time.perf_counter() - start)
 """
 
 
-def time_first_use() -> tuple[float, float]:
+def time_first_use(robot: str) -> tuple[float, float]:
     """Seconds for a shielded environment and 100 steps in a new process: kernels compiled, then kernels cached."""
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
 
         def once() -> float:
             run = subprocess.run(
-                [sys.executable, "-c", _FIRST_USE], env=environment, capture_output=True, text=True, check=True
+                [sys.executable, "-c", _FIRST_USE, robot], env=environment, capture_output=True, text=True, check=True
             )
             return float(run.stdout.split()[-1])
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from rich.table import Table
 from jssa_gym import plots
 from jssa_gym.cli.evaluate import ticks
 from jssa_gym.cli.files import write_figure
-from jssa_gym.cli.names import HUMAN, OPPONENTS, SHIELDS, WRONG
+from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, WRONG
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
@@ -25,6 +26,7 @@ from jssa_gym.evaluation.rows import StressRow
 from jssa_gym.evaluation.runner import finish
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import DEFAULT
 from jssa_gym.text import counted
 from jssa_gym.validation import positive_integer
 
@@ -50,6 +52,7 @@ class Stress:
     """Folder for the results; a campaign that is there already is continued."""
     task: Literal["home", "reach", "track", "handover"] = "home"
     """Task of the environment."""
+    robot: Annotated[str, ROBOT] = DEFAULT
     seconds: float = 8.0
     """Length of an episode."""
     seed: int = 0
@@ -107,7 +110,7 @@ class Stress:
             if (value := getattr(self, name)) not in ((), None)
         }
         grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
-        return Campaign(grids, self.task, steps, self.seed, self.judge)
+        return Campaign(grids, self.task, steps, self.seed, self.judge, self.robot)
 
     def _play(self, ledger: Ledger[StressRow], jobs: int, console: Terminal) -> None:
         moving, total = 0, ledger.plan.total()
@@ -166,6 +169,8 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
         for name in dict.fromkeys(row.group[by.index("filter")] for row in rows):
             if without := contender(name).without:
                 console.say(f"{name}: full without {without}")
+    chosen = ledger.plan.robot if isinstance(ledger.plan, Campaign) else DEFAULT
+    robot = "" if chosen == DEFAULT else f" --robot {shlex.quote(chosen)}"
     for episode in sorted(broken, key=lambda e: -e.severity)[:10]:
         what = "MuJoCo disagrees" if not episode.agrees else f"{episode.judged_speed or episode.contact_speed:.3g} m/s"
         names = " ".join(
@@ -174,7 +179,7 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
         )
         console.say(
             f"broken ({what}, {episode.violations} violations, {episode.overlaps} overlaps): jssa-gym stress {names} "
-            f"--episodes 1 --seed {episode.seed} --judge 1 --out again"
+            f"--episodes 1 --seed {episode.seed} --judge 1 --out again{robot}"
         )
 
 

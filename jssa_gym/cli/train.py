@@ -14,13 +14,14 @@ from rich.table import Table
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_json
 from jssa_gym.cli.film import EVERY, film, require_film
+from jssa_gym.cli.names import ROBOT
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.learned import LearnedPolicy
-from jssa_gym.robots import make_robot
+from jssa_gym.robots import DEFAULT, make_robot
 from jssa_gym.shields import TASK_SHIELD
 from jssa_gym.train.config import EVALUATION_SEED, Control, LearnFrom, TrainConfig, preset, tuned_algorithm
 from jssa_gym.train.environment import control_env
@@ -50,6 +51,7 @@ class Train:
     """Of Stable-Baselines3; tqc of sb3-contrib; None: the one that was tuned for the task, else ppo."""
     out: Path = Path("training")
     """Folder for everything; a training that is there already is continued."""
+    robot: Annotated[str, ROBOT] = DEFAULT
     human: str | None = None
     """People by name; None: as tuned, else the task's own."""
     shield: bool = True
@@ -108,6 +110,7 @@ class Train:
             shield=self.shield,
             seed=self.seed,
             processes=self.processes,
+            robot=self.robot,
             **given,
         )
 
@@ -147,6 +150,7 @@ class Train:
                 human = config.human or TASKS[config.task].human
                 guard = TASK_SHIELD if config.shield else "none"
                 words = ("--task", config.task, "--human", human, "--filter", guard)
+                words += () if self.robot == DEFAULT else ("--robot", self.robot)
                 words = ("jssa-gym", "evaluate", *words, "--policy", str(self.out / "best.npz"), "--episodes", "1000")
                 shown = Terminal()
                 shown.say()
@@ -157,7 +161,7 @@ class Train:
     def _film(self, policy: LearnedPolicy, config: TrainConfig) -> None:
         """The best policy's first episode of the evaluations."""
         trace = rollout(control_env(config, ("success",)), policy, seed=EVALUATION_SEED)
-        frames = film([trace], make_robot(trace.robot).mounted(trace.mount), d_min=trace.d_min)
+        frames = film([trace], make_robot(config.robot).mounted(trace.mount), d_min=trace.d_min)
         plots.write_film(self.out / "best.mp4", frames, rate=round(1.0 / (trace.dt * EVERY)))
 
 

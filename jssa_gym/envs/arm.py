@@ -1,5 +1,6 @@
 """The environment: an arm driven by joint jerk beside people."""
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -21,9 +22,12 @@ from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.action import checked_action
+from jssa_gym.safety.postures import clearances, nearest
 from jssa_gym.tick.move import fill_observation, move
 from jssa_gym.types import Array, CapsuleSet, JointState, Scene
 from jssa_gym.validation import positive_number
+
+_logger = logging.getLogger("jssa_gym")
 
 DT = 0.008
 """Control step: 125 Hz, the paper's."""
@@ -128,14 +132,15 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     without a human), ``contact`` (bool), ``contact_speed`` [m/s] (of the robot's touching point, 0.0 without contact),
     ``cost`` (1.0 when the distance is below ``d_min``), ``jerk`` (n,) [rad/s³] applied, ``limit_violation`` (bool),
     ``success`` (bool; as ``is_success`` too, which Stable-Baselines3 counts), ``reward/<term>`` (0.0 after reset) and
-    what the task says.
+    what the task says; with a robot that leaves links without capsules ``uncovered`` (their joints' names) too.
 
     Args:
         task: ``"home"``, ``"reach"``, ``"track"``, ``"handover"`` or a :class:`~jssa_gym.envs.tasks.Task`.
         human: A name in :data:`jssa_gym.humans.HUMANS`, a motion, or several of them; None for the task's default.
         dynamics: ``"kinematic"`` or ``"servo"``.
         scene: ``"table"`` (the base stands at 0.87 m, the arm must stay above) or ``"floor"``.
-        robot: A name in :data:`jssa_gym.robots.ROBOTS`, a model, or an MJCF file with its limits beside it.
+        robot: A name, a model, an MJCF file with its limits beside it, or a folder of ``jssa-gym robot check --write``;
+            see :func:`~jssa_gym.robots.make_robot`.
         terminate_on: What ends an episode.
         d_min: Distance below which ``cost`` is 1 [m].
         render_mode: ``"rgb_array"``, ``"human"`` (a window; listed where there is a display) or None.
@@ -175,6 +180,9 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if np.any(self.robot.mount != 0.0) and np.any(self.robot.mount != mount):
             raise ParameterError(f"the robot is mounted at {self.robot.mount}, scene {scene!r} puts it at {mount}")
         self.robot = self.robot.mounted(mount)
+        if min(clearances(self.robot, self.robot.home, self.planes)) <= 0.0:
+            told = nearest(self.robot, self.robot.home, self.planes)
+            _logger.warning("%s cannot move from home under a shield: %s", self.robot.name, told)
         self.human = make_human(self.task.human if human is None else human)
         self.dt = DT
         self.d_min = positive_number("d_min", d_min)
@@ -385,6 +393,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             "success": success,
             "is_success": success,
         }
+        if self.robot.uncovered:
+            info["uncovered"] = self.robot.uncovered
         if self.dynamics == "servo":
             info["tracking_error"] = self._actual[0] - self._state[0]
         return info

@@ -10,7 +10,7 @@ from jssa_gym.envs.opengl import open_renderer
 from jssa_gym.exceptions import DisplayError, RobotModelError
 from jssa_gym.headless import choose_gl_backend, has_display
 from jssa_gym.robots import RobotModel
-from jssa_gym.robots.model import COLLISION_GROUP
+from jssa_gym.robots.mjcf import COLLISION_GROUP
 from jssa_gym.types import Array, CapsuleSet, Planes
 from jssa_gym.validation import known_name
 
@@ -71,7 +71,11 @@ class World:
         spec = mujoco.MjSpec()
         _decorate(spec, scene, pretty, width, height)
         frame = spec.worldbody.add_frame(pos=robot.mount.tolist())
-        spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf)), prefix="robot/", frame=frame)
+        arm = mujoco.MjSpec.from_file(str(robot.mjcf))
+        for geom in arm.geoms:
+            # the shield keeps the arm off itself; MuJoCo would push apart what overlaps by its make
+            geom.contype = geom.conaffinity = 0
+        spec.attach(arm, prefix="robot/", frame=frame)
         spec.option.timestep = _SUBSTEP
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model = spec.compile()
@@ -114,6 +118,7 @@ class World:
         *,
         pair: tuple[Array, Array] | None = None,
         goal: Array | None = None,
+        capsules: bool = False,
     ) -> NDArray[np.uint8]:
         """Draw a moment, shape (height, width, 3).
 
@@ -122,6 +127,7 @@ class World:
             humans: People.
             pair: The two ends of the critical point pair [m], drawn as a line.
             goal: A point to mark [m].
+            capsules: Whether the arm's capsules are drawn over what it draws.
 
         Raises:
             DisplayError: There is no OpenGL, or it belongs to another thread.
@@ -131,7 +137,7 @@ class World:
             self._renderer = open_renderer(self.model, *self._size)
         self.pose(position)
         option = mujoco.MjvOption()
-        option.geomgroup[COLLISION_GROUP] = self._show_capsules
+        option.geomgroup[COLLISION_GROUP] = self._show_capsules or capsules
         self._renderer.update_scene(self.data, camera=self.camera, scene_option=option)
         scene = self._renderer.scene
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self.pretty

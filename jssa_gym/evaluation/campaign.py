@@ -22,6 +22,7 @@ from jssa_gym.evaluation.contenders import (
     contender_names,
     shielded,
 )
+from jssa_gym.evaluation.identity import robot_identity, without_default
 from jssa_gym.evaluation.judgement import Excess, Judgement
 from jssa_gym.evaluation.people import MULTIPLES, PEOPLE
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
@@ -29,7 +30,7 @@ from jssa_gym.evaluation.policy import make_policy
 from jssa_gym.evaluation.rows import Cell, Row, StressRow, digest_of, states_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, Policy
-from jssa_gym.robots import RobotModel
+from jssa_gym.robots import DEFAULT, RobotModel
 from jssa_gym.types import Status, Trace
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
 
@@ -89,9 +90,12 @@ class Campaign(EpisodePlan[StressRow]):
     """First seed."""
     judge: float = 0.02
     """Share of the episodes that MuJoCo judges anyway."""
+    robot: str = DEFAULT
+    """Name of a robot, or its file or prepared folder."""
 
     def __post_init__(self) -> None:
         known_name("task", self.task, TASKS)
+        robot_identity(self.robot)
         for name, value in (
             ("steps", positive_integer("steps", self.steps)),
             ("seed", whole_number("seed", self.seed)),
@@ -103,10 +107,10 @@ class Campaign(EpisodePlan[StressRow]):
         return paired_seeds(((cell, grid.episodes) for grid in self.grids for cell in grid.cells()), self.seed)
 
     def config(self) -> dict[str, Any]:
-        return asdict(self)
+        return without_default(asdict(self))
 
     def make_env(self, cell: Cell) -> gym.Env:
-        env = ArmEnv(self.task, human=PEOPLE[cell.human](), terminate_on=())
+        env = ArmEnv(self.task, human=PEOPLE[cell.human](), robot=self.robot, terminate_on=())
         return shielded(env, cell.filter, cell.fault)
 
     def make_policy(self, cell: Cell, env: gym.Env, seed: int) -> Policy:
@@ -140,7 +144,7 @@ class Campaign(EpisodePlan[StressRow]):
         )
 
     def origin(self, cell: Cell, seed: int, digest: str) -> dict[str, Any]:
-        return {"seed": seed, "task": self.task, **cell._asdict()}
+        return without_default({"seed": seed, "task": self.task, **cell._asdict(), "robot": self.robot})
 
     def spoiled(self, cell: Cell) -> bool:
         return cell.fault != "none"

@@ -10,6 +10,7 @@ import gymnasium as gym
 
 from jssa_gym.evaluation.ledger import package_version, source_hash
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.robots import DEFAULT, ROBOTS, make_robot
 
 
 def named(thing: Any) -> str:
@@ -19,6 +20,28 @@ def named(thing: Any) -> str:
     if isinstance(thing, gym.Env):
         return thing.spec.id if thing.spec is not None else type(thing.unwrapped).__name__
     return getattr(thing, "__name__", type(thing).__name__)
+
+
+def robot_identity(robot: str) -> str:
+    """What tells a robot from others: its name, or the digest of the files that it is read from.
+
+    Raises:
+        ParameterError, RobotModelError: There is no such robot.
+    """
+    if robot in ROBOTS:
+        return robot
+    model = make_robot(robot)
+    content = model.mjcf.read_bytes() + pickle.dumps((model.limits, model.home, model.uncovered))
+    return f"{model.name} {hashlib.sha256(content).hexdigest()[:16]}"
+
+
+def without_default(config: dict[str, Any]) -> dict[str, Any]:
+    """A configuration whose entry ``robot`` tells the robot from others, and is left out for the default one.
+
+    What was begun or recorded before there were others is the same as ever.
+    """
+    rest = {name: value for name, value in config.items() if name != "robot"}
+    return rest if config["robot"] == DEFAULT else {**rest, "robot": robot_identity(config["robot"])}
 
 
 def code_version() -> dict[str, str]:

@@ -9,7 +9,7 @@ from jssa_gym.exceptions import RobotModelError
 from jssa_gym.headless import choose_gl_backend
 from jssa_gym.kernels.capsules import STANDING
 from jssa_gym.robots import RobotModel
-from jssa_gym.robots.model import COLLISION_GROUP
+from jssa_gym.robots.mjcf import COLLISION_GROUP
 from jssa_gym.types import Array
 
 FAR = 10.0

@@ -20,6 +20,7 @@ from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.policies import POLICIES, shipped_policies
+from jssa_gym.robots import DEFAULT, ROBOTS
 from jssa_gym.types import Trace
 from jssa_gym.validation import known_name
 
@@ -134,7 +135,9 @@ def recorded_setting(meta: Mapping[str, Any], policy: str | None = None) -> Sett
     return setting
 
 
-def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pickle: bool = False) -> Trace:
+def played_again(
+    meta: Mapping[str, Any], *, policy: str | None = None, robot: str | None = None, trust_pickle: bool = False
+) -> Trace:
     """Play a recorded episode anew from what its recording says of itself.
 
     Nothing that only the recording names is read or run: a policy that is a file or ``"module:factory"`` has to be
@@ -143,6 +146,7 @@ def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pi
     Args:
         meta: Of the recording.
         policy: Instead of the one that it names, as :func:`~jssa_gym.evaluation.policy.make_policy` takes it.
+        robot: Its robot, if that is not the package's own.
         trust_pickle: If its policy is a file, see :func:`~jssa_gym.policies.load_policy`.
 
     Raises:
@@ -155,5 +159,9 @@ def played_again(meta: Mapping[str, Any], *, policy: str | None = None, trust_pi
     except (KeyError, TypeError, ValueError) as error:
         raise ParameterError(f"the recording does not say how it came about: {error} is missing or wrong") from error
     tasks, filters, humans, policies = ((name,) for name in setting)
-    plan = Study(tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle)
+    named = str(meta.get("robot", DEFAULT))
+    if robot is None and named not in ROBOTS:  # nor is a file that a recording names
+        raise ParameterError(f"the robot {named!r} is not the package's own; give its file as --robot")
+    wanted = named if robot is None else robot
+    plan = Study(tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle, robot=wanted)
     return Player(plan, setting).record(seed)

@@ -12,7 +12,7 @@ from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.blocked import fault_of
 from jssa_gym.evaluation.geometry import geometry
-from jssa_gym.evaluation.identity import code_digest, identity, named
+from jssa_gym.evaluation.identity import code_digest, identity, named, robot_identity, without_default
 from jssa_gym.evaluation.metrics import SeparationParams, summarise
 from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
@@ -21,7 +21,7 @@ from jssa_gym.evaluation.rollout import shield_of
 from jssa_gym.evaluation.rows import EvaluationRow, Row, Setting, digest_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import Policy
-from jssa_gym.robots import RobotModel
+from jssa_gym.robots import DEFAULT, RobotModel
 from jssa_gym.shields import Shield, read_name
 from jssa_gym.types import Trace
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
@@ -103,6 +103,8 @@ class Study(Evaluation):
     separation: SeparationParams = field(default_factory=SeparationParams)
     trust_pickle: bool = False
     """Of policies that are files; see :func:`~jssa_gym.policies.load_policy`."""
+    robot: str = DEFAULT
+    """Name of a robot, or its file or prepared folder."""
     code: tuple[tuple[str, str], ...] = field(init=False, repr=False)
     """Names of policies, and digests of the files that hold or define them, when the study was made."""
 
@@ -119,6 +121,7 @@ class Study(Evaluation):
             read_name(name)
         for policy in self.policies:
             policy_factory(policy, self.trust_pickle)
+        robot_identity(self.robot)
         object.__setattr__(self, "code", _codes(self.policies))
 
     def seeds(self) -> dict[Setting, list[int]]:
@@ -127,10 +130,13 @@ class Study(Evaluation):
         return paired_seeds(((Setting(t, f, h, p), self.episodes) for t, h, p, f in names), self.seed)
 
     def config(self) -> dict[str, Any]:
-        return {**asdict(self), "code": dict(_codes(self.policies))}
+        return {**without_default(asdict(self)), "code": dict(_codes(self.policies))}
+
+    def origin(self, cell: Setting, seed: int, digest: str) -> dict[str, Any]:
+        return without_default({**Evaluation.origin(self, cell, seed, digest), "robot": self.robot})
 
     def make_env(self, cell: Setting) -> gym.Env:
-        return put_filter(ArmEnv(cell.task, human=PEOPLE[cell.human](), terminate_on=()), cell.filter)
+        return put_filter(ArmEnv(cell.task, human=PEOPLE[cell.human](), robot=self.robot, terminate_on=()), cell.filter)
 
     def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
         policy = make_policy(cell.policy, env.unwrapped, seed, seen=env, trust_pickle=self.trust_pickle)

@@ -1,6 +1,6 @@
 """Figures and films; they need the extra ``plots``."""
 
-from jssa_gym.plots.backend import require
+from jssa_gym.plots.backend import require, write_png
 from jssa_gym.plots.campaigns import Curve, degradation
 from jssa_gym.plots.episodes import gauge, label, profile, write_film
 from jssa_gym.plots.handover import handovers
@@ -21,4 +21,5 @@ __all__ = [
     "sensitivity",
     "shifts",
     "write_film",
+    "write_png",
 ]

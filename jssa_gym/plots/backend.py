@@ -1,6 +1,10 @@
 """matplotlib and PyAV, which come with the extra ``plots``; colours for all figures."""
 
 import importlib.util
+from typing import IO, BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.exceptions import MissingExtraError
 
@@ -32,3 +36,15 @@ def draw_without_display() -> None:
     except ImportError as error:
         raise MissingExtraError(f"figures need the extra 'plots': {INSTALL}") from error
     matplotlib.use("agg", force=False)
+
+
+def write_png(file: IO[bytes], pixels: NDArray[np.uint8]) -> None:
+    """Write a picture of shape (height, width, 3).
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    draw_without_display()
+    from matplotlib.image import imsave
+
+    imsave(cast(BinaryIO, file), pixels, format="png")

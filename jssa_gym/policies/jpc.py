@@ -18,7 +18,8 @@ from jssa_gym.control.yielding import YieldingJPC
 from jssa_gym.exceptions import InfeasibleError, InterfaceError, ParameterError, UnreachableError
 from jssa_gym.policies.delays import Delay, drawn_delay
 from jssa_gym.robots import JointLimits
-from jssa_gym.types import Array, JointState, Scene
+from jssa_gym.safety.postures import room
+from jssa_gym.types import Array, JointState, Planes, Scene
 from jssa_gym.validation import positive_number, true_or_false
 
 _logger = logging.getLogger(__name__)
@@ -61,7 +62,8 @@ class JPCPolicy:
         seed: Seed of the host's delays and of the inverse kinematics' restarts.
         host_delay: Time that the host takes for a plan [s]: a number, (low, high), or a function of a generator.
         tolerance: How far a goal of the tool may move before there is a new plan [m].
-        clear: Distance that postures and ways keep from half-spaces and the arm from itself, where they can [m].
+        clear: Distance that postures and ways keep from half-spaces and the arm from itself, where they can [m]; half
+            of what there is at home, if that is less.
         patience: See :class:`~jssa_gym.control.jpc.JPC`.
         yielding: Whether it yields along its path, or is interrupted as in the paper.
 
@@ -85,7 +87,8 @@ class JPCPolicy:
         self._robot = env.get_wrapper_attr("robot")
         self._dt = float(env.get_wrapper_attr("dt"))
         self._delay = drawn_delay(host_delay)
-        self._tolerance, self._clear = positive_number("tolerance", tolerance), positive_number("clear", clear)
+        self._tolerance, self._wanted = positive_number("tolerance", tolerance), positive_number("clear", clear)
+        self._clear = self._wanted
         self._jerk_bound = np.array(self._robot.limits.jerk)
         task = getattr(env.unwrapped, "task", None)
         self._tip = getattr(task, "space", "joints") == "tip"
@@ -101,8 +104,9 @@ class JPCPolicy:
         self._scene: Scene | None = None
         self._time = np.inf
 
-    def _restart(self) -> None:
+    def _restart(self, planes: Planes) -> None:
         self.jpc.reset()
+        self._clear = min(room(self._robot, planes, (self._wanted, self._wanted)))
         self._goal = np.zeros(0)
         self._seen = self.jpc.request
         self._due: list[tuple[int, Request, Array]] = []
@@ -116,7 +120,7 @@ class JPCPolicy:
         """The next jerk of the buffer as a share of the jerk bounds, shape (n,)."""
         self._scene = scene = self._env.get_wrapper_attr("scene")
         if scene.time <= self._time:  # a clock that went back is a new episode's
-            self._restart()
+            self._restart(scene.planes)
         self._time = scene.time
         goal = np.asarray(getattr(self._env.unwrapped, "goal", self._robot.home), float)
         if goal.shape != self._goal.shape or self._has_moved(goal):

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from jssa_gym.control import Cascade
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.safety.postures import clearances
+from jssa_gym.safety.postures import clearances, room
 from jssa_gym.types import Array, JointState, Planes
 from jssa_gym.validation import low_high, positive_number
 
@@ -72,7 +72,7 @@ class WanderPolicy:
     """Distance of every joint from its goal at which the next posture is drawn [rad]: the arm does not stop."""
 
     _CLEAR = 0.03
-    """Distance of a posture from table and self-collision [m]."""
+    """Distance of a posture from table and self-collision [m]; half of what there is at home, if that is less."""
 
     def __init__(
         self,
@@ -106,8 +106,10 @@ class WanderPolicy:
         robot = self._robot
         low, high = robot.limits.position.T
         margin = 0.05 * (high - low)
+        off_planes, off_itself = room(robot, planes, (self._CLEAR, self._CLEAR))
         for _ in range(100):
             posture = self._rng.uniform(low + margin, high - margin)
-            if min(clearances(robot, posture, planes)) >= self._CLEAR:
+            from_planes, from_itself = clearances(robot, posture, planes)
+            if from_planes >= off_planes and from_itself >= off_itself:
                 return posture
         return np.array(robot.home)

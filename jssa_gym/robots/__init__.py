@@ -1,27 +1,54 @@
 """Robots: read from MJCF, limits with their sources."""
 
 import functools
-import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from jssa_gym.exceptions import ParameterError, RobotModelError
+from jssa_gym.robots.limits import read_limits
 from jssa_gym.robots.lr_mate_200id_7l import lr_mate_200id_7l
+from jssa_gym.robots.menagerie import MENAGERIE, prepared_folder
 from jssa_gym.robots.model import JointLimits, LimitsError, RobotModel
-from jssa_gym.storage import read_text
-from jssa_gym.types import Array
+
+
+def ur5e() -> RobotModel:
+    """Universal Robots UR5e, standing at the world's origin; sources in ``assets/ur5e.xml`` and its limits' file."""
+    return make_robot(ASSETS / "ur5e.xml")
+
+
+def fr3() -> RobotModel:
+    """Franka Research 3, standing at the world's origin; sources in ``assets/fr3.xml`` and its limits' file."""
+    return make_robot(ASSETS / "fr3.xml")
+
 
 ROBOTS: dict[str, Callable[[], RobotModel]] = {
     "lr_mate_200id_7l": lr_mate_200id_7l,
+    "ur5e": ur5e,
+    "fr3": fr3,
 }
 """Robots by name; add yours to use it in ``gym.make(..., robot=name)``."""
 
-__all__ = ["ROBOTS", "JointLimits", "RobotModel", "lr_mate_200id_7l", "make_robot"]
+__all__ = [
+    "DEFAULT",
+    "MENAGERIE",
+    "ROBOTS",
+    "JointLimits",
+    "RobotModel",
+    "fr3",
+    "lr_mate_200id_7l",
+    "make_robot",
+    "ur5e",
+]
 
-_LARGEST = 2**20
-"""Size from which no file of limits is read [bytes]."""
+DEFAULT = "lr_mate_200id_7l"
+"""Name of the paper's arm, which is meant where none is named."""
+
+ASSETS = Path(__file__).parent / "assets"
+"""Files of the arms that the package comes with."""
+
+PREPARED = "robot.xml"
+"""Name of the model's file in a folder that ``jssa-gym robot check --write`` has made."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -30,7 +57,10 @@ def _built(build: Callable[[], RobotModel]) -> RobotModel:
 
 
 def make_robot(robot: str | Path | RobotModel) -> RobotModel:
-    """A robot from its name in :data:`ROBOTS` or from an MJCF file; a model as it is.
+    """A robot from its name, an MJCF file or a prepared folder; a model as it is.
+
+    Names are those of :data:`ROBOTS` and of :data:`~jssa_gym.robots.menagerie.MENAGERIE`, folders those that
+    ``jssa-gym robot check --write`` has made.
 
     The limits of ``arm.xml``, which MJCF has no place for, are read from ``arm.limits.toml`` beside it::
 
@@ -38,50 +68,45 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
         velocity = [370, 310] # one number a joint
         acceleration = [641, 576]
         jerk = [3798, 3408]
+        uncovered = []        # joints of links that may draw something outside of capsules: nothing is promised there
 
     Raises:
         ParameterError: Neither a name nor a file.
+        MissingExtraError: The name is one of Menagerie's, whose package is not installed.
         RobotModelError: The file is not a serial arm, or its limits are missing or wrong.
     """
     if isinstance(robot, RobotModel):
         return robot
     if isinstance(robot, str) and robot in ROBOTS:
         return _built(ROBOTS[robot])
+    if isinstance(robot, str) and robot in MENAGERIE:
+        return replace(make_robot(prepared_folder(robot)), name=robot)
+    if isinstance(robot, str | Path) and (Path(robot) / PREPARED).is_file():
+        robot = Path(robot) / PREPARED
     if not isinstance(robot, str | Path) or Path(robot).suffix != ".xml":
         raise ParameterError(
-            f"unknown robot {robot!r}; valid: a RobotModel, an MJCF file (.xml), or one of {', '.join(ROBOTS)}"
+            f"unknown robot {robot!r}; valid: a RobotModel, an MJCF file (.xml), a folder of `jssa-gym robot check "
+            f"--write`, or one of {', '.join((*ROBOTS, *MENAGERIE))}"
         )
     path = Path(robot)
     if not path.is_file():
         raise RobotModelError(f"no MJCF file at {path}")
-    velocity, acceleration, jerk = _limits_beside(path)
+    beside = path.with_suffix(".limits.toml")
+    if not beside.is_file():
+        raise RobotModelError(
+            f"no {beside.name} beside {path.name} with its velocity, acceleration, jerk limits; `jssa-gym robot check "
+            f"{path.name}` says what else is missing"
+        )
+    table = read_limits(beside)
     try:
-        return RobotModel.from_mjcf(path, velocity=velocity, acceleration=acceleration, jerk=jerk)
+        return RobotModel.from_mjcf(
+            path,
+            velocity=table.velocity,
+            acceleration=table.acceleration,
+            jerk=table.jerk,
+            uncovered=table.uncovered,
+        )
     except LimitsError as error:
         raise RobotModelError(f"{path.with_suffix('.limits.toml').name}: {error}") from error
     except UnicodeDecodeError as error:  # of a file that it includes
         raise RobotModelError(f"{path} has a name that is not in UTF-8: {error}") from error
-
-
-def _limits_beside(path: Path) -> tuple[Array, Array, Array]:
-    beside = path.with_suffix(".limits.toml")
-    if not beside.is_file():
-        raise RobotModelError(f"no {beside.name} beside {path.name} with its velocity, acceleration, jerk limits")
-    try:
-        table = tomllib.loads(read_text(beside, RobotModelError, _LARGEST))
-    except RobotModelError:
-        raise
-    except (ValueError, RecursionError) as error:  # the former of numbers that are too long, too
-        raise RobotModelError(f"{beside.name} is not valid TOML: {error}") from error
-    names = ("velocity", "acceleration", "jerk")
-    missing = [name for name in names if name not in table]
-    if missing or table.get("unit") not in ("deg", "rad"):
-        raise RobotModelError(f"{beside.name} needs velocity, acceleration, jerk, and unit = 'deg' or 'rad'")
-    factor = np.pi / 180.0 if table["unit"] == "deg" else 1.0
-    try:
-        velocity, acceleration, jerk = (factor * np.asarray(table[name], float) for name in names)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise RobotModelError(
-            f"{beside.name}: velocity, acceleration, jerk have to be lists of numbers: {error}"
-        ) from error
-    return velocity, acceleration, jerk

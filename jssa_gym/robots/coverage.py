@@ -104,11 +104,16 @@ def coverage(
 
 
 def check_coverage(
-    model: "mujoco.MjModel", joints: Sequence[int], link_of_body: Mapping[int, int], home: Array, group: int
+    model: "mujoco.MjModel",
+    joints: Sequence[int],
+    link_of_body: Mapping[int, int],
+    home: Array,
+    group: int,
+    spared: Sequence[int] = (),
 ) -> None:
     """Refuse links that are drawn but not measured; note those whose capsules leave out a good part, and the base.
 
-    Arguments as of :func:`coverage`.
+    Arguments as of :func:`coverage`; ``spared`` are numbers of links that may be drawn outside of capsules.
 
     Raises:
         RobotModelError: A link draws something that is in no capsule, or far out of all; the message names all such
@@ -123,8 +128,8 @@ def check_coverage(
     def told(link: Coverage) -> str:
         return says(f"the link of {called(model, mujoco.mjtObj.mjOBJ_JOINT, joints[link.link])}", link.geoms)
 
-    links = coverage(model, joints, link_of_body, home, group)
-    if parts := [f"{told(link)}, {fault}" for link in links if (fault := _fault(link))]:
+    links = [link for link in coverage(model, joints, link_of_body, home, group) if link.link not in spared]
+    if parts := [f"{told(link)}, {fault}" for link in links if (fault := fault_of_cover(link))]:
         raise RobotModelError(
             f"{'; '.join(parts)}: distances are measured with capsules alone, so enclose what a link draws in capsules "
             f"of group {group}"
@@ -137,7 +142,7 @@ def check_coverage(
         _logger.warning(_NOTE, says("the base", geoms), 1e3 * out)
 
 
-def _fault(link: Coverage) -> str:
+def fault_of_cover(link: Coverage) -> str:
     """Why a link is not measured; empty if it is."""
     if not link.capsules and link.joined > COVERED:
         return "has no capsule, and reaches " + (

@@ -12,32 +12,38 @@ def serial_joints(model: "mujoco.MjModel") -> list[int]:
     """Joint ids from base to tip of one chain of limited hinges that move independently.
 
     Raises:
-        RobotModelError: The model is anything else; the message names the culprit.
+        RobotModelError: The model is anything else; the message names all culprits.
     """
+    if faults := serial_faults(model):
+        raise RobotModelError("; ".join(faults))
+    return list(range(model.njnt))
+
+
+def serial_faults(model: "mujoco.MjModel") -> list[str]:
+    """What keeps a model from being one chain of limited hinges that move independently, culprit by culprit."""
     import mujoco
 
     joint = mujoco.mjtObj.mjOBJ_JOINT
     if model.njnt == 0:
-        raise RobotModelError("the model has no joint; expected a serial arm of hinge joints")
+        return ["the model has no joint; expected a serial arm of hinge joints"]
+    faults = []
     for j in range(model.njnt):
         kind = mujoco.mjtJoint(model.jnt_type[j])
         if kind != mujoco.mjtJoint.mjJNT_HINGE:
-            raise RobotModelError(
-                f"{called(model, joint, j)} is of type {kind.name[6:].lower()}; only hinge joints can be modelled"
-            )
-        if not model.jnt_limited[j]:
-            raise RobotModelError(f"{called(model, joint, j)} has no range; every joint needs position limits")
+            name = kind.name[6:].lower()
+            faults.append(f"{called(model, joint, j)} is of type {name}; only hinge joints can be modelled")
+        elif not model.jnt_limited[j]:
+            faults.append(f"{called(model, joint, j)} has no range; every joint needs position limits")
     for j in range(1, model.njnt):
         body, before = model.jnt_bodyid[j], model.jnt_bodyid[j - 1]
         while body not in (before, 0):
             body = model.body_parentid[body]
         if body != before:
-            raise RobotModelError(
+            faults.append(
                 f"{called(model, joint, j)} does not follow {called(model, joint, j - 1)} in one chain; "
                 "only serial arms can be modelled"
             )
-    _refuse_couplings(model)
-    return list(range(model.njnt))
+    return faults + _couplings(model)
 
 
 def called(model: "mujoco.MjModel", kind: "mujoco.mjtObj", number: int) -> str:
@@ -49,19 +55,20 @@ def called(model: "mujoco.MjModel", kind: "mujoco.mjtObj", number: int) -> str:
     return f"{what} '{name}'" if name else f"{what} {number}"
 
 
-def _refuse_couplings(model: "mujoco.MjModel") -> None:
-    """Refuse what ties joints to each other or to the world: then ranges of joints do not say where they can be."""
+def _couplings(model: "mujoco.MjModel") -> list[str]:
+    """What ties joints to each other or to the world: then ranges of joints do not say where they can be."""
     import mujoco
 
-    if model.neq:
+    faults = []
+    for e in range(model.neq):
         alike = {
             mujoco.mjtEq.mjEQ_JOINT: mujoco.mjtObj.mjOBJ_JOINT,
             mujoco.mjtEq.mjEQ_TENDON: mujoco.mjtObj.mjOBJ_TENDON,
         }
-        kind = alike.get(mujoco.mjtEq(model.eq_type[0]), mujoco.mjtObj(model.eq_objtype[0]))
-        tied = [called(model, kind, i) for i in (model.eq_obj1id[0], model.eq_obj2id[0]) if i >= 0]
-        raise RobotModelError(
-            f"{called(model, mujoco.mjtObj.mjOBJ_EQUALITY, 0)} constrains {' and '.join(tied)}; "
+        kind = alike.get(mujoco.mjtEq(model.eq_type[e]), mujoco.mjtObj(model.eq_objtype[e]))
+        tied = [called(model, kind, i) for i in (model.eq_obj1id[e], model.eq_obj2id[e]) if i >= 0]
+        faults.append(
+            f"{called(model, mujoco.mjtObj.mjOBJ_EQUALITY, e)} constrains {' and '.join(tied)}; "
             "only joints that move independently can be modelled"
         )
     wrapped = {
@@ -74,7 +81,8 @@ def _refuse_couplings(model: "mujoco.MjModel") -> None:
         path = range(model.tendon_adr[t], model.tendon_adr[t] + model.tendon_num[t])
         kinds = [wrapped.get(mujoco.mjtWrap(model.wrap_type[w])) for w in path]
         tied = [called(model, kind, model.wrap_objid[w]) for w, kind in zip(path, kinds, strict=True) if kind]
-        raise RobotModelError(
+        faults.append(
             f"{called(model, mujoco.mjtObj.mjOBJ_TENDON, t)} has a range, which constrains {' and '.join(tied)}; "
             "only joints that move independently can be modelled"
         )
+    return faults

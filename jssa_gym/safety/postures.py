@@ -23,6 +23,45 @@ def clearances(robot: RobotModel, position: Array, planes: Planes) -> tuple[floa
     return float(near.planes.min(initial=np.inf)), float(near.own.min(initial=np.inf))
 
 
+def room(robot: RobotModel, planes: Planes, wanted: tuple[float, float]) -> tuple[float, float]:
+    """Distances [m] that postures can be asked to keep from half-spaces and from themselves: at most half of home's.
+
+    Args:
+        robot: The arm, where it stands.
+        planes: Half-spaces, such as the table.
+        wanted: What is asked for where there is room enough [m].
+    """
+    here = clearances(robot, robot.home, planes)
+    return min(wanted[0], max(0.5 * here[0], 0.0)), min(wanted[1], max(0.5 * here[1], 0.0))
+
+
+def nearest(robot: RobotModel, position: Array, planes: Planes) -> str:
+    """What is closest to something that it must not touch, in words for a message.
+
+    Args:
+        robot: The arm, where it stands.
+        position: Joint position, shape (n,) [rad].
+        planes: Half-spaces, such as the table.
+    """
+    zero = np.zeros(robot.n)
+    near = measure(robot, JointState(position, zero, zero), nobody(), planes)
+    names, told = robot.capsule_names, []
+    if near.planes.size:
+        i, j = np.unravel_index(int(np.argmin(near.planes)), near.planes.shape)
+        told.append((float(near.planes[i, j]), f"'{names[i]}' and {planes.names[j]}"))
+    if near.own.size:
+        k = int(np.argmin(near.own))
+        one, other = robot.self_pairs[k]
+        told.append((float(near.own[k]), f"'{names[one]}' and '{names[other]}'"))
+    distance, pair = min(told, default=(np.inf, "nothing"))
+    return f"{pair} are {1e3 * distance:.0f} mm apart" if distance < np.inf else "nothing is near"
+
+
+def reach_of(robot: RobotModel) -> float:
+    """No tool centre point is farther from the second joint's axis [m]."""
+    return float(np.linalg.norm(robot.links["offset"][1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
+
+
 def tool_point(robot: RobotModel, position: Array) -> Array:
     """The tool centre point in the world, shape (3,) [m].
 

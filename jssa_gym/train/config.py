@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.identity import robot_identity
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS
+from jssa_gym.robots import DEFAULT, ROBOTS
 from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, OffPolicy, Settings
 from jssa_gym.train.wrappers import LEAST_SHARE
 from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false, whole_number
@@ -66,12 +68,23 @@ class TrainConfig:
     """Policy steps between checkpoints, which are also the points of evaluation."""
     eval_episodes: int = 20
     """Episodes of an evaluation."""
+    robot: str = DEFAULT
+    """Name of a robot, or its file or prepared folder."""
 
     def __post_init__(self) -> None:
         known_name("task", self.task, TASKS)
         if self.human is not None:
             known_name("human", self.human, HUMANS)
         known_name("control", self.control, get_args(Control))
+        if not isinstance(self.robot, str):
+            raise ParameterError(f"robot has to be a name, a file or a folder, got {self.robot!r}")
+        if self.robot != DEFAULT:
+            robot_identity(self.robot)  # there is such a robot
+        if self.control == "tip" and self.robot not in ROBOTS:  # its policies hold the robot's name alone
+            raise ParameterError(
+                f"control='tip' needs one of the package's robots, {', '.join(ROBOTS)}, got {self.robot!r}; take "
+                "control='velocity'"
+            )
         known_name("learn_from", self.learn_from, ("policy", "executed", "penalty", "both"))
         for name in ("shield", "observe_intervention", "normalise", "processes"):
             object.__setattr__(self, name, true_or_false(name, getattr(self, name)))
@@ -113,6 +126,8 @@ class TrainConfig:
     def as_dict(self) -> dict[str, Any]:
         """The training as JSON can hold it."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        if self.robot == DEFAULT:  # what was begun before there were others is the same as ever
+            del values["robot"]
         return {**values, "settings": self.settings.as_dict()}
 
     @classmethod
@@ -137,6 +152,8 @@ class TrainConfig:
         In how many processes it runs does not count, and how long it goes on only if its learning rate depends on it.
         """
         data = {**self.as_dict(), "processes": False}
+        if "robot" in data:
+            data["robot"] = robot_identity(self.robot)
         if not self.settings.decay:
             data["steps"] = 0
         return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]

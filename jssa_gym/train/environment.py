@@ -24,7 +24,7 @@ def control_env(config: TrainConfig, endings: tuple[str, ...] = ENDINGS, shield:
         endings: ``terminate_on`` of the environment.
         shield: Whether there is a shield, if the training has one; an evaluation may go without.
     """
-    kwargs: dict[str, Any] = {} if config.human is None else {"human": config.human}
+    kwargs: dict[str, Any] = {"robot": config.robot} | ({} if config.human is None else {"human": config.human})
     guarded = shield and config.shield
     env = gym.make(ENTRIES[config.task].env_id(guarded), terminate_on=endings, disable_env_checker=True, **kwargs)
     return ObserveIntervention(env) if config.observe_intervention else env

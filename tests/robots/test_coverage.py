@@ -9,7 +9,7 @@ import pytest
 from jssa_gym.exceptions import RobotModelError
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
 from jssa_gym.robots.coverage import coverage
-from jssa_gym.robots.model import COLLISION_GROUP, _link_of_body
+from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
 from jssa_gym.robots.serial import serial_joints
 
 TUBE = '<geom type="capsule" group="3" size=".05" fromto="0 0 0  .3 0 0"/>'
@@ -40,7 +40,7 @@ def read(tmp_path, xml):
 def look(xml):
     model = mujoco.MjModel.from_xml_string(xml)
     joints = serial_joints(model)
-    return coverage(model, joints, _link_of_body(model, joints), np.zeros(model.nq), COLLISION_GROUP)
+    return coverage(model, joints, carrier_links(model, joints), np.zeros(model.nq), COLLISION_GROUP)
 
 
 @pytest.mark.parametrize("group", [0, 2, 4])
@@ -196,7 +196,7 @@ def test_the_shipped_arm_is_covered(caplog):
     robot = lr_mate_200id_7l()
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
     joints = serial_joints(model)
-    links = coverage(model, joints, _link_of_body(model, joints), robot.home, COLLISION_GROUP)
+    links = coverage(model, joints, carrier_links(model, joints), robot.home, COLLISION_GROUP)
     assert [link.link for link in links] == list(range(6))
     assert [bool(link.capsules) for link in links] == [True] * 5 + [False]
     assert all(link.own == 0.0 for link in links[:5])

@@ -33,6 +33,7 @@ BAD = {
     "processes": (None, 1, "no"),
     "interval": (0, 10.0, *ODD),
     "eval_episodes": (0, 2.0, *ODD),
+    "robot": ("ur3", 3, None, ["fr3"]),
 }
 
 BAD_SETTINGS = {
@@ -131,6 +132,7 @@ OTHER = {
     "envs": 4,
     "interval": 7,
     "eval_episodes": 3,
+    "robot": "fr3",
 }
 
 

@@ -11,7 +11,7 @@ from jssa_gym.envs.observation import Feature
 from jssa_gym.envs.tasks.task import Moment, Progress, RewardTerm, Task
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.postures import clearances
+from jssa_gym.safety.postures import clearances, nearest, room
 from jssa_gym.types import Array, Planes
 from jssa_gym.validation import positive_integer, positive_number, real_array
 
@@ -130,15 +130,20 @@ class Track(Task):
         )
         longest = np.minimum(_SHARE * fastest, _LONGEST * (high - low))
         margin = 0.05 * (high - low)
+        off_planes, off_itself = room(robot, planes, (_CLEAR, _CLEAR))
         for _ in range(1000):
             way = (
                 rng.uniform(np.maximum(low + margin, last - longest), np.minimum(high - margin, last + longest)) - last
             )
             if _root_mean_square(way) < min(_SHORTEST, 0.5 * _root_mean_square(longest)):
                 continue
-            if all(min(clearances(robot, last + x * way, planes)) > _CLEAR for x in np.linspace(1.0, 0.0, 10, False)):
+            on_the_way = (clearances(robot, last + x * way, planes) for x in np.linspace(1.0, 0.0, 10, False))
+            if all(from_planes > off_planes and from_itself > off_itself for from_planes, from_itself in on_the_way):
                 return last + way
-        raise ParameterError(f"found no waypoint for {robot.name} that is clear of table and arm")
+        raise ParameterError(
+            f"found no waypoint for {robot.name} that is clear of table and arm; at {np.round(last, 3).tolist()} "
+            f"{nearest(robot, last, planes)}"
+        )
 
     def check_goal(self, goal: ArrayLike, robot: RobotModel) -> Array:
         try:  # how many they are is up to the user

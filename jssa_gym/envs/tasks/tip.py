@@ -11,7 +11,7 @@ from jssa_gym.envs.observation import FAR, Feature
 from jssa_gym.envs.tasks.task import Moment, RewardTerm, Task
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.postures import clearances, tool_point
+from jssa_gym.safety.postures import clearances, nearest, reach_of, room, tool_point
 from jssa_gym.types import Array, CapsuleSet, Planes
 from jssa_gym.validation import positive_number, real_array
 
@@ -75,14 +75,21 @@ class Reach(TipTask):
         """Tip of a random posture around home that is clear of table and itself, in front of the base."""
         low, high = robot.limits.position.T
         around = 0.35 * (high - low)
+        # a range that does not hold 0 has ends that are nearer to it than 5 %
+        inner = np.maximum(0.95 * low, low), np.minimum(0.95 * high, high)
+        off_planes, off_itself = room(robot, planes, (0.05, 0.02))
+        away = min(0.3, 0.3 * reach_of(robot))
         for _ in range(1000):
-            posture = np.clip(robot.home + rng.uniform(-around, around), 0.95 * low, 0.95 * high)
+            posture = np.clip(robot.home + rng.uniform(-around, around), *inner)
             from_planes, from_itself = clearances(robot, posture, planes)
             tip = tool_point(robot, posture)
             aside = np.hypot(tip[0] - robot.mount[0], tip[1] - robot.mount[1])
-            if from_planes > 0.05 and from_itself > 0.02 and aside > 0.3:
+            if from_planes > off_planes and from_itself > off_itself and aside > away:
                 return tip
-        raise ParameterError(f"found no reachable target for {robot.name} that is clear of table and arm")
+        raise ParameterError(
+            f"found no reachable target for {robot.name} that is clear of table and arm; at home "
+            f"{nearest(robot, robot.home, planes)}"
+        )
 
     def check_goal(self, goal: ArrayLike, robot: RobotModel) -> Array:
         return real_array("goal", goal, (3,), "a point in world coordinates [m]")

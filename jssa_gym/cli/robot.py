@@ -1,0 +1,247 @@
+"""``jssa-gym robot``: anybody's arm file, looked at, prepared and proved."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.table import Table
+
+from jssa_gym import plots
+from jssa_gym.cli.certify import Certify
+from jssa_gym.cli.files import writable_folder, write_picture
+from jssa_gym.cli.progress import transient
+from jssa_gym.cli.terminal import Terminal
+from jssa_gym.envs.opengl import check_opengl
+from jssa_gym.envs.world import SCENES, World
+from jssa_gym.evaluation.proof import Proof, prove
+from jssa_gym.exceptions import DisplayError, MissingExtraError, ParameterError
+from jssa_gym.humans import nobody
+from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, make_robot
+from jssa_gym.robots.prepare import Cover, Examination, Preparation, examine, write_prepared
+
+
+@dataclass(frozen=True)
+class Check:
+    """Look at an arm's file, MJCF or URDF: say all at once what is in the way, prepare it, prove it.
+
+    Without --write the exit code is 1 if anything has to be decided or prepared before the file can be used; with it,
+    if anything has to be decided, or if the proof fails.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """MJCF or URDF."""
+    package: tuple[str, ...] = ()
+    """NAME=DIR of the packages that a URDF names; those in and beside the file's folders are found without."""
+    freeze: tuple[str, ...] = ()
+    """Joints that may stand still, with all that refers to them; `all` for whatever has to."""
+    keep: tuple[str, ...] = ()
+    """Hinges that look like jaws and are joints of the arm."""
+    uncovered: tuple[str, ...] = ()
+    """Links, by body or joint, that get no capsules: nothing is measured there, and nothing promised."""
+    tip: str | None = None
+    """Body that the arm leads to, where several arms branch off."""
+    tool: str | None = None
+    """Site or body at the tool centre point."""
+    home: tuple[float, ...] | None = None
+    """Home posture, one number a joint [rad]; the file's keyframe, or looked for."""
+    limits: Path | None = None
+    """Table of velocity, acceleration and jerk limits, TOML; the one beside the file, or a guess that says so."""
+    write: Path | None = None
+    """Folder for the prepared model, for `--robot FOLDER`."""
+    prove: bool = True
+    """Prove what was written: motion against MuJoCo, shielded episodes, a picture."""
+    certify: bool = False
+    """Also look for states in which the index cannot be kept (`jssa-gym certify`)."""
+    json: bool = False
+    """Print JSON instead of tables."""
+
+    def run(self) -> None:
+        """Read, say, write, prove."""
+        preparation = Preparation(
+            self.freeze,
+            self.keep,
+            self.uncovered,
+            self.tip,
+            self.tool,
+            self.home,
+            self.limits,
+            _packages(self.package),
+        )
+        console = Terminal(stderr=True)
+        with transient(console) as progress:
+            progress.add_task(f"examining {self.file.name}", total=None)
+            arm = examine(self.file, preparation)
+        proof = None
+        if self.write is not None and not arm.obstacles:
+            writable_folder(self.write)
+            write_prepared(arm, self.write)
+            if self.prove:
+                with transient(console) as progress:
+                    progress.add_task("proving it", total=None)
+                    proof = prove(arm, make_robot(self.write))
+        if self.json:
+            print(json.dumps(_plain(arm, proof), indent=2, allow_nan=False))
+        else:
+            _show(arm, self.write is not None)
+            if proof is not None:
+                _show_proof(proof)
+        if self.write is not None and not arm.obstacles:
+            self._draw(make_robot(self.write), console)
+            console.say(f"wrote {self.write}; use it as --robot {self.write}")
+            if self.certify:
+                Certify(robot=str(self.write), out=self.write / "certificate").run()
+        failed = proof is not None and not proof.holds
+        if arm.obstacles or failed or (self.write is None and not arm.acceptable):
+            raise SystemExit(1)
+
+    def _draw(self, robot: RobotModel, console: Terminal) -> None:
+        assert self.write is not None
+        try:
+            plots.require()
+            check_opengl()
+        except (DisplayError, MissingExtraError) as error:
+            console.say(f"no picture: {error}")
+            return
+        write_picture(self.write / "robot.png", _picture(robot))
+
+
+@dataclass(frozen=True)
+class List:
+    """Arms by name, for --robot and `robot=`."""
+
+    json: bool = False
+    """Print JSON instead of lines."""
+
+    def run(self) -> None:
+        """Print names."""
+        if self.json:
+            print(json.dumps({"shipped": sorted(ROBOTS), "menagerie": sorted(MENAGERIE)}))
+            return
+        console = Terminal()
+        console.say(f"shipped: {', '.join(sorted(ROBOTS))}")
+        console.say(f"of MuJoCo Menagerie, downloaded at the first use (extra robots): {', '.join(sorted(MENAGERIE))}")
+
+
+@dataclass(frozen=True)
+class RobotCommand:
+    """Arms: of one's own, and by name."""
+
+    action: Annotated[
+        Annotated[Check, tyro.conf.subcommand("check")] | Annotated[List, tyro.conf.subcommand("list")],
+        tyro.conf.arg(name=""),
+    ]
+
+    def run(self) -> None:
+        """Run the chosen action."""
+        self.action.run()
+
+
+def _packages(given: Sequence[str]) -> dict[str, Path]:
+    packages = {}
+    for one in given:
+        name, sign, folder = one.partition("=")
+        if not (name and sign and Path(folder).is_dir()):
+            raise ParameterError(f"--package takes NAME=DIR with a folder that is there, got {one!r}")
+        packages[name] = Path(folder)
+    return packages
+
+
+def _picture(robot: RobotModel) -> Any:
+    """The arm at home, its capsules over what it draws."""
+    world = World(robot.mounted((0.0, 0.0, SCENES["table"])), "table", pretty=True, width=720, height=720)
+    reach = float(np.linalg.norm(robot.links["offset"], axis=1).sum())
+    world.camera.distance = 0.9 + 1.4 * reach
+    world.camera.lookat[:] = (0.2 * reach, 0.0, SCENES["table"] + 0.35 * reach)
+    world.camera.azimuth, world.camera.elevation = 130.0, -15.0
+    try:
+        return world.picture(np.array(robot.home), nobody(), capsules=True)
+    finally:
+        world.close()
+
+
+# ---- what is said --------------------------------------------------------------------------------------
+
+
+def _plain(arm: Examination, proof: Proof | None) -> dict[str, Any]:
+    return {
+        "file": str(arm.source.path),
+        "joints": list(arm.anatomy.joints),
+        "frozen": [arm.source.model.joint(j).name for j in arm.chain.frozen],
+        "reach": arm.anatomy.reach,
+        "home": arm.home.tolist(),
+        "limits_guessed": list(arm.limits.guessed),
+        "findings": [{**asdict(one), "message": str(one)} for one in arm.findings],
+        "links": [
+            {
+                "joint": cover.joint,
+                "body": cover.body,
+                "capsules_found": len(cover.found),
+                "outside_own_mm": _millimetres(cover.own),
+                "outside_all_mm": _millimetres(cover.arm),
+                "capsules": len(cover.capsules),
+                "outside_prepared_mm": _millimetres(max(cover.left, 0.0)),
+            }
+            for cover in arm.covers
+        ],
+        "acceptable": arm.acceptable,
+        "proof": proof and {**asdict(proof), "uncovered": _finite(proof.uncovered), "holds": proof.holds},
+    }
+
+
+def _finite(number: float) -> float | None:
+    """A number as JSON can hold it."""
+    return number if np.isfinite(number) else None
+
+
+def _millimetres(metres: float) -> float | None:
+    return _finite(round(1e3 * metres, 2))
+
+
+def _show(arm: Examination, written: bool) -> None:
+    console = Terminal(width=160)
+    for finding in arm.findings:
+        mark = "!" if finding.stands else "-" if not finding.fits else " "
+        console.say(f"{mark} {finding}")
+    table = Table(title=f"{arm.source.path.name}: {arm.anatomy.n} joints, reach {arm.anatomy.reach:.2f} m")
+    for title in ("link", "joint", "capsules found", "outside of own", "of all", "capsules", "outside of these"):
+        table.add_column(title, justify="left" if title in ("link", "joint") else "right")
+    for cover in arm.covers:
+        table.add_row(cover.body, cover.joint, str(len(cover.found)), *_row(cover))
+    console.print(table)
+    if arm.obstacles:
+        console.say("what is marked with ! has to be decided; no model is written before")
+    elif not written and not arm.acceptable:
+        console.say("what is marked with - keeps the file itself from being used; --write DIR makes a model without it")
+
+
+def _row(cover: Cover) -> tuple[str, ...]:
+    def said(value: float) -> str:
+        return "-" if not np.isfinite(value) else f"{1e3 * max(value, 0.0):.1f} mm"
+
+    return said(cover.own), said(cover.arm), str(len(cover.capsules)), said(cover.left)
+
+
+def _show_proof(proof: Proof) -> None:
+    console = Terminal(width=120)
+    parts = Table(title="reach and authority over random postures")
+    for title in ("capsule", "moved by", "reach", "largest jerk of its far end"):
+        parts.add_column(title, justify="left" if title in ("capsule", "moved by") else "right")
+    for part in proof.parts:
+        parts.add_row(part.name, part.joint, f"{part.reach:.2f} m", f"{part.authority:.0f} m/s³")
+    console.print(parts)
+    played = Table(title="shielded episodes beside a person who goes for the arm, judged by MuJoCo at 1 kHz")
+    for title in ("policy", "moving contacts", "limit violations", "collisions", "MuJoCo agrees", "joints travelled"):
+        played.add_column(title, justify="left" if title == "policy" else "right")
+    for one in proof.episodes:
+        counts = (one.moving_contacts, one.limit_violations, one.collisions)
+        agrees = "yes" if one.agrees else "no"
+        played.add_row(one.policy, *map(str, counts), agrees, f"{one.travelled:.1f} rad")
+    console.print(played)
+    console.say(
+        f"joints and axes are within {proof.kinematic_error:.1e} m of MuJoCo's on the file; what links draw is within "
+        f"{1e3 * proof.uncovered:.2f} mm of their capsules"
+    )

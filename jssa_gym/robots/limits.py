@@ -1,0 +1,116 @@
+"""Limits of velocity, acceleration and jerk: read from a small table, stated by a file, or guessed and marked so."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jssa_gym.exceptions import RobotModelError
+from jssa_gym.storage import read_text
+from jssa_gym.types import Array
+
+LIMITS = ("velocity", "acceleration", "jerk")
+"""What a table of limits holds."""
+
+_LARGEST = 2**20
+"""Size from which no table is read [bytes]."""
+
+GUESSED_VELOCITY = np.pi
+"""Of a joint about which nothing is stated [rad/s]: that of a mid-sized arm's joints."""
+
+_RISE, _EASE = 0.304, 0.152
+"""Times from rest to full velocity and from rest to full acceleration [s], with which the paper's jerk limits of the
+LR Mate were made: acceleration = velocity / 0.304 s, jerk = 0.9 · acceleration / 0.152 s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LimitTable:
+    """Limits of n joints, and where they come from."""
+
+    velocity: Array
+    """Shape (n,) [rad/s]."""
+    acceleration: Array
+    """Shape (n,) [rad/s²]."""
+    jerk: Array
+    """Shape (n,) [rad/s³]."""
+    guessed: tuple[str, ...] = ()
+    """Which of them nobody has stated."""
+    source: str = ""
+    """Who has stated the others."""
+    uncovered: tuple[str, ...] = ()
+    """Links that draw something outside of capsules, and that nothing is promised about."""
+
+
+def read_limits(path: Path, partial: bool = False) -> LimitTable:
+    """Read a table of limits: ``unit``, ``velocity``, ``acceleration``, ``jerk``; it may say more.
+
+    Args:
+        path: Of the table.
+        partial: Whether acceleration and jerk may be missing; they are guessed then.
+
+    Raises:
+        RobotModelError: It is not there, no such table, or lacks something.
+    """
+    try:
+        table = tomllib.loads(read_text(path, RobotModelError, _LARGEST))
+    except RobotModelError:
+        raise
+    except (ValueError, RecursionError) as error:  # the former of numbers that are too long, too
+        raise RobotModelError(f"{path.name} is not valid TOML: {error}") from error
+    missing = [name for name in LIMITS if name not in table]
+    if partial and isinstance(table.get("velocity"), list):
+        guessed = [name for name in missing if name != "velocity"]
+        if guessed == ["acceleration", "jerk"]:
+            table |= {"acceleration": table["velocity"], "jerk": table["velocity"], "guessed": guessed}
+            missing = []
+    else:
+        guessed = []
+    if missing or table.get("unit") not in ("deg", "rad"):
+        raise RobotModelError(f"{path.name} needs velocity, acceleration, jerk, and unit = 'deg' or 'rad'")
+    factor = np.pi / 180.0 if table["unit"] == "deg" else 1.0
+    try:
+        velocity, acceleration, jerk = (factor * np.asarray(table[name], float) for name in LIMITS)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise RobotModelError(
+            f"{path.name}: velocity, acceleration, jerk have to be lists of numbers: {error}"
+        ) from error
+    if guessed:
+        acceleration, jerk = _guess_beyond(velocity)
+    return LimitTable(
+        velocity,
+        acceleration,
+        jerk,
+        _names(path, table, "guessed"),
+        str(table.get("source", "")),
+        _names(path, table, "uncovered"),
+    )
+
+
+def _names(path: Path, table: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    names = table.get(key, [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise RobotModelError(f"{path.name}: {key} has to be a list of names, got {names!r}")
+    return tuple(names)
+
+
+def guess_limits(joints: Sequence[str], velocity: Mapping[str, float], source: str) -> LimitTable:
+    """Limits of joints of which at most the velocity is stated.
+
+    Args:
+        joints: Names.
+        velocity: What is stated, by name [rad/s].
+        source: Who states it.
+    """
+    speeds = np.array([velocity.get(name, GUESSED_VELOCITY) for name in joints])
+    stated = all(name in velocity for name in joints)
+    guessed = ("acceleration", "jerk") if stated else LIMITS
+    return LimitTable(speeds, *_guess_beyond(speeds), guessed, source if velocity else "")
+
+
+def _guess_beyond(velocity: Array) -> tuple[Array, Array]:
+    """Acceleration and jerk limits to go with velocity limits."""
+    acceleration = velocity / _RISE
+    return acceleration, 0.9 * acceleration / _EASE

@@ -1,0 +1,110 @@
+"""Which capsules each link of an arm gets: those of its file if they hold what it draws, else new ones."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jssa_gym.robots.coverage import coverage, fault_of_cover
+from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
+from jssa_gym.robots.prepare.anatomy import Anatomy, Link
+from jssa_gym.robots.prepare.chain import Chain
+from jssa_gym.robots.prepare.enclose import Enclosure, Solid, enclose, outside
+from jssa_gym.robots.prepare.findings import FileFinding
+from jssa_gym.robots.prepare.reading import Source
+from jssa_gym.types import Array
+
+TOLERATED = 1e-3
+"""How far what a link draws may lie outside of its capsules [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cover:
+    """How one link's drawn surface lies in capsules."""
+
+    joint: str
+    body: str
+    found: tuple[str, ...]
+    """Names of the capsules that the file gives it."""
+    own: float
+    """Farthest drawn corner outside of those [m]; inf without any, 0 if all lie inside or nothing is drawn."""
+    arm: float
+    """The same outside of all capsules of the file, in the posture with all joints at 0 [m]."""
+    kept: tuple[Enclosure, ...]
+    """Those capsules if they hold all that is drawn, else none; in the link's frame."""
+    capsules: tuple[Enclosure, ...]
+    """Those of the prepared model."""
+    left: float
+    """Farthest drawn corner outside of these [m]; negative where all lie inside; inf for uncovered links."""
+
+    def named(self) -> list[tuple[str, Enclosure]]:
+        """The capsules of the prepared model with names: those of the file where it gives them, else the link's."""
+        if self.capsules == self.kept and not any(name.startswith("geom ") for name in self.found):
+            return list(zip(self.found, self.capsules, strict=True))
+        several = len(self.capsules) > 1
+        return [(self.body + (f"_{k + 1}" if several else ""), one) for k, one in enumerate(self.capsules)]
+
+
+def cover_links(
+    source: Source, chain: Chain, anatomy: Anatomy, uncovered: Sequence[str], findings: list[FileFinding]
+) -> tuple[Cover, ...]:
+    """How every link lies in the file's capsules, and capsules for those that do not.
+
+    Args:
+        source: The file.
+        chain: What moves.
+        anatomy: The arm.
+        uncovered: Links, by body or joint, that get no capsules.
+        findings: What is found is added.
+    """
+    model, joints = source.model, list(chain.joints)
+    looked = coverage(model, joints, carrier_links(model, joints), model.qpos0, COLLISION_GROUP)
+    accepted = {link.link for link in looked if not fault_of_cover(link)}
+    offsets = anatomy.chain["offset"].cumsum(axis=0)
+    everywhere = [
+        Enclosure(start + offset, end + offset, radius)
+        for link, offset in zip(anatomy.links, offsets, strict=True)
+        for start, end, radius in link.found
+    ]
+    covers = []
+    for i, (joint, link, offset) in enumerate(zip(anatomy.joints, anatomy.links, offsets, strict=True)):
+        cover = _cover(joint, link, offset, everywhere, joint in uncovered or link.body in uncovered)
+        covers.append(cover)
+        if link.solid is not None and (told := _told(cover, i in accepted)):
+            findings.append(told)
+    return tuple(covers)
+
+
+def _cover(joint: str, link: Link, offset: Array, everywhere: list[Enclosure], uncovered: bool) -> Cover:
+    if link.solid is None:
+        return Cover(joint, link.body, link.names, 0.0, 0.0, link.found, link.found, -np.inf)
+    corners, radii = _corners(link.solid)
+    own = float(outside(corners, radii, list(link.found)).max())
+    arm = float(outside(corners + offset, radii, everywhere).max())
+    kept = link.found if own <= TOLERATED else ()
+    capsules = () if uncovered else kept or tuple(enclose(link.solid))
+    left = float(outside(corners, radii, list(capsules)).max())
+    return Cover(joint, link.body, link.names, max(own, 0.0), max(arm, 0.0), kept, capsules, left)
+
+
+def _corners(solid: Solid) -> tuple[Array, Array]:
+    return solid.triangles.reshape(-1, 3), np.repeat(solid.radius, 3)
+
+
+def _told(cover: Cover, accepted: bool) -> FileFinding | None:
+    """What there is to say about a link; ``accepted`` if the reader of models takes it as the file has it."""
+    subject = f"link '{cover.body}'"
+    if not cover.capsules:
+        text = "is uncovered: nothing is measured there, and nothing is promised about it"
+        return FileFinding(subject, text)
+    if cover.own <= TOLERATED and cover.found:
+        return None
+    more = f"{len(cover.capsules)} capsule{'s' if len(cover.capsules) > 1 else ''} of radius "
+    more += ", ".join(f"{1e3 * capsule.radius:.0f}" for capsule in cover.capsules) + " mm enclose it"
+    remedy = f"{more}, or give --uncovered {cover.body}"
+    if cover.found:
+        text = f"reaches {1e3 * cover.own:.0f} mm out of its own capsules and {1e3 * cover.arm:.0f} mm out of all"
+    else:
+        text = "draws something and has no capsule"
+        text += ", but turns inside those of the link before it" if accepted else ""
+    return FileFinding(subject, text, remedy, fits=accepted)

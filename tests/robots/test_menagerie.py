@@ -1,0 +1,90 @@
+"""Arms of MuJoCo Menagerie by name, from a small archive of our own: nothing is downloaded from the network."""
+
+import dataclasses
+import hashlib
+import sys
+import tarfile
+
+import numpy as np
+import pytest
+from robots_arms import gripper
+
+from jssa_gym.exceptions import MissingExtraError, ParameterError, RobotModelError
+from jssa_gym.robots import make_robot, menagerie
+from jssa_gym.robots.limits import read_limits
+from jssa_gym.robots.menagerie import MENAGERIE, PUBLISHED, Origin
+
+
+@pytest.fixture
+def archive(tmp_path, monkeypatch):
+    """The package, whose archive of ``kuka_iiwa_14`` is ours: a gripper arm in a tar file; its address."""
+    mm = pytest.importorskip("mujoco_menagerie", reason="mujoco-menagerie is not installed")
+    tree, served = tmp_path / "kuka_iiwa_14", tmp_path / "served"
+    tree.mkdir()
+    served.mkdir()
+    (tree / "iiwa14.xml").write_text(gripper())
+    robot = mm.get("kuka_iiwa_14")
+    with tarfile.open(served / robot.asset, "w:xz") as tar:
+        tar.add(tree, "kuka_iiwa_14")
+    content = (served / robot.asset).read_bytes()
+    ours = dataclasses.replace(robot, sha256=hashlib.sha256(content).hexdigest(), download_size=len(content))
+    monkeypatch.setattr(mm, "get", lambda name: {"kuka_iiwa_14": ours}[name])
+    monkeypatch.setenv("MENAGERIE_CACHE_DIR", str(tmp_path / "menagerie"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("MENAGERIE_BASE_URL", served.as_uri())
+    monkeypatch.delenv("MENAGERIE_ROOT", raising=False)
+    table = tmp_path / "published"
+    table.mkdir()
+    (table / "iiwa14.toml").write_text('unit = "deg"\nvelocity = [10, 20, 30, 40]\nsource = "ours"\n')
+    monkeypatch.setattr(menagerie, "PUBLISHED", table)
+    return served / robot.asset
+
+
+def test_an_arm_by_name_is_downloaded_prepared_and_kept(archive, tmp_path, monkeypatch):
+    robot = make_robot("iiwa14")
+    assert robot.name == "iiwa14"
+    assert robot.n == 4
+    np.testing.assert_allclose(np.degrees(robot.limits.velocity), [10, 20, 30, 40])
+    (folder,) = (tmp_path / "cache" / "jssa_gym" / "robots").iterdir()
+    assert robot.mjcf == folder / "robot.xml"
+    assert "guess" in (folder / "robot.limits.toml").read_text()
+    # a second time nothing is downloaded, and nothing prepared
+    archive.unlink()
+    monkeypatch.setattr(menagerie, "_prepare", None)
+    np.testing.assert_array_equal(make_robot("iiwa14").home, robot.home)
+
+
+def test_what_is_damaged_or_not_there_is_said(archive):
+    archive.write_bytes(archive.read_bytes()[:-5])
+    with pytest.raises(RobotModelError, match=r"'iiwa14' of MuJoCo Menagerie is not to be had: .*does not match"):
+        make_robot("iiwa14")
+    archive.unlink()
+    with pytest.raises(RobotModelError, match=r"'iiwa14' of MuJoCo Menagerie is not to be had: .*not found"):
+        make_robot("iiwa14")
+
+
+def test_without_the_package_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco_menagerie", None)
+    with pytest.raises(MissingExtraError, match=r"'panda' needs the extra 'robots': pip install 'jssa-gym\[robots\]'"):
+        make_robot("panda")
+
+
+def test_the_names_are_the_package_s():
+    mm = pytest.importorskip("mujoco_menagerie", reason="mujoco-menagerie is not installed")
+    for origin in MENAGERIE.values():
+        assert isinstance(origin, Origin)
+        assert origin.entry in mm.get(origin.robot).entry_names
+
+
+def test_unknown_names_list_the_known_ones():
+    with pytest.raises(ParameterError, match=r"unknown robot 'ur3'; .*lr_mate_200id_7l, ur5e, fr3, .*panda"):
+        make_robot("ur3")
+
+
+@pytest.mark.parametrize("path", sorted(PUBLISHED.glob("*.toml")), ids=lambda path: path.stem)
+def test_published_limits_can_be_read_and_say_their_source(path):
+    table = read_limits(path, partial=True)
+    assert path.stem in MENAGERIE
+    assert table.source
+    assert table.guessed in ((), ("acceleration", "jerk"))
+    assert np.all(table.velocity < 2.0 * np.pi)
