@@ -1,0 +1,272 @@
+"""From a skeleton to capsules: the paper's six, or one a bone of the limbs."""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from jssa_gym.exceptions import ParameterError, RecordingError
+from jssa_gym.humans.body import PARTS
+from jssa_gym.humans.bvh.guess import UNIT_NAMES, UNITS, Ends, bones_to_head, calibration_frames, unit_of, up_of
+from jssa_gym.humans.bvh.names import JOINTS, ends_of
+from jssa_gym.humans.bvh.reader import read
+from jssa_gym.humans.bvh.skeleton import Skeleton, bones
+from jssa_gym.humans.recording import Recording
+from jssa_gym.types import Array
+from jssa_gym.validation import known_name, positive_number, real_array
+
+_UP = {"y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), "z": np.eye(3)}
+"""Turns the file's upward axis to z."""
+
+_USUAL = ("cm", "y")
+"""Unit and axis that need not be said."""
+
+BODIES = ("six", "jointed")
+"""The paper's six capsules, or an upper arm, a forearm, a hand, a thigh, a shin and a foot of each side."""
+
+_LIMBS = {
+    "right_arm": ("right_upper_arm", "right_forearm", "right_hand"),
+    "left_arm": ("left_upper_arm", "left_forearm", "left_hand"),
+    "right_leg": ("right_thigh", "right_knee_to_ankle", "right_foot"),
+    "left_leg": ("left_thigh", "left_knee_to_ankle", "left_foot"),
+}
+"""Capsules of a limb in a jointed body. Names decide on speed bounds: an ankle is as fast as its foot."""
+
+_HAND = 0.74
+"""Length of a hand over that of the forearm, of skeletons that end at the wrist; Drillis and Contini, 1966: 0.108 and
+0.146 of the stature."""
+
+_HEAD = (0.05, 0.4)
+"""How far from its joint a head may end [m]; beyond, an end site is none of a head."""
+
+_SHORT = 0.02
+"""Length up to which an end site says nothing [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Conversion:
+    """A recording, and what was made of the file for it."""
+
+    recording: Recording
+    unit: str
+    """Metres in a unit of the file, in words."""
+    up: str
+    """The file's upward axis."""
+    first: int
+    """The file's frame that became the first sample, from 0."""
+    dropped: int
+    """Frames left out at the beginning, because they are a pose for calibration."""
+    length: float
+    """From ankle to head along the bones [m]."""
+    unusual: bool
+    """Whether anything but centimetres with y up was guessed, or frames were left out."""
+    standing: Recording
+    """The recording where the file has it: not turned to the arm, nor moved there."""
+    points: Array
+    """The skeleton's joints and end sites there, shape (T, j + k, 3) [m]."""
+    point_names: tuple[str, ...]
+
+    @property
+    def said(self) -> str:
+        """In words what was taken for what."""
+        told = f"taken as {self.unit} with {self.up} up: {self.length:.2f} m from ankle to head along the bones"
+        if self.dropped:
+            frames = "frame 0 is" if self.dropped == 1 else f"frames 0 to {self.dropped - 1} are"
+            told += f"; {frames} a pose for calibration, which the motion jumps away from, and left out"
+        return told
+
+    def outside(self) -> dict[str, float]:
+        """How far every joint and end site is outside of all capsules, at most, by name [m]; those inside are not in it."""
+        nearest = np.full(self.points.shape[:2], np.inf)
+        for i, radius in enumerate(self.standing.radius):
+            start, way = self.standing.start[:, i, None], (self.standing.end - self.standing.start)[:, i, None]
+            length = np.maximum((way * way).sum(axis=-1), 1e-300)
+            share = np.clip(((self.points - start) * way).sum(axis=-1) / length, 0.0, 1.0)
+            away = np.linalg.norm(self.points - start - share[..., None] * way, axis=-1) - radius
+            nearest = np.minimum(nearest, away)
+        worst = nearest.max(axis=0)
+        return {name: float(far) for name, far in zip(self.point_names, worst, strict=True) if far > 0.0}
+
+
+def convert(
+    skeleton: Skeleton | str | Path,
+    *,
+    scale: float | str = "auto",
+    up: str = "auto",
+    joints: Mapping[str, tuple[str, str]] | None = None,
+    start: Array | tuple[float, float] = (1.5, 0.0),
+    frames: tuple[int | None, int | None] | None = None,
+    body: str = "six",
+) -> Recording:
+    """Capsules from a skeleton's joints: the paper's six, or more.
+
+    The person begins at ``start`` and looks along -x there, towards the arm, as the shoulders tell. What had to be
+    guessed and is not the usual, centimetres with y up, is a warning.
+
+    Args:
+        skeleton: What was read, or a file.
+        scale: Metres in a unit of the file, or a unit: ``"m"``, ``"cm"``, ``"mm"``, ``"in"`` or ``"cmu"``
+            (:data:`~jssa_gym.humans.bvh.UNITS`); ``"auto"`` for the one in which the bones from ankle to head are a
+            person's.
+        up: The file's upward axis, ``"y"`` or ``"z"``; ``"auto"`` for the one along which the head is above the feet.
+        joints: Names of the joints that body parts start and end at, where :data:`JOINTS` does not know them.
+        start: Where the root stands in the first frame, shape (2,) [m].
+        frames: First frame to take, from 0, and the first not to take; None for the file's own. Without it a pose for
+            calibration at the beginning is left out, see
+            :func:`~jssa_gym.humans.bvh.guess.calibration_frames`.
+        body: ``"six"``: an arm is one capsule from shoulder to hand, a leg one from hip to ankle, and an elbow or a
+            knee that is bent leaves it; ``"jointed"``: every bone of arms and legs has its own, hands and feet too.
+
+    Raises:
+        RecordingError: The file is not BVH, a joint is missing, or unit or axis cannot be told; the message says what
+            would help.
+        ParameterError: An argument is out of range or unknown.
+    """
+    made = convert_told(skeleton, scale=scale, up=up, joints=joints, start=start, frames=frames, body=body)
+    if made.unusual:
+        warnings.warn(made.said, stacklevel=2)
+    return made.recording
+
+
+def convert_told(
+    skeleton: Skeleton | str | Path,
+    *,
+    scale: float | str = "auto",
+    up: str = "auto",
+    joints: Mapping[str, tuple[str, str]] | None = None,
+    start: Array | tuple[float, float] = (1.5, 0.0),
+    frames: tuple[int | None, int | None] | None = None,
+    body: str = "six",
+) -> Conversion:
+    """:func:`convert` that says what it did instead of warning of it."""
+    if not isinstance(skeleton, Skeleton):
+        skeleton = read(skeleton)
+    chosen = _checked_joints(joints)
+    if isinstance(scale, str):
+        known_name("scale", scale, ("auto", *UNITS))
+    metres = UNITS.get(scale, 0.0) if isinstance(scale, str) else positive_number("scale", scale)
+    known_name("up", up, ("auto", *_UP))
+    known_name("body", body, BODIES)
+    where = real_array("start", start, (2,), "a point on the floor [m]")
+    ends = {part: ends_of(skeleton, part, chosen.get(part)) for part in JOINTS}
+    first, last = _checked_frames(frames, len(skeleton.frames))
+    raw = skeleton.points()[first:last]
+    unit = unit_of(skeleton, raw, ends) if scale == "auto" else scale if isinstance(scale, str) else ""
+    axis = up_of(raw, ends) if up == "auto" else up
+    turn = _UP[axis] * (UNITS[unit] if unit else metres)
+    joint_count = len(skeleton.names)
+    points = np.concatenate(
+        [np.ascontiguousarray(part) @ turn.T for part in (raw[:, :joint_count], raw[:, joint_count:])], axis=1
+    )
+    dropped = 0
+    if frames is None and (dropped := calibration_frames(skeleton, points, ends)):
+        first, points = dropped, points[dropped:]
+    if len(points) < 2:
+        raise RecordingError("a motion needs two frames at least, this skeleton has one")
+    standing = _capsules(skeleton, points, ends, body)
+    x, y = points[0, ends["right_arm"][0], :2] - points[0, ends["left_arm"][0], :2]
+    if np.hypot(x, y) < 1e-9:
+        raise ParameterError("the shoulders are above each other: is 'up' the right axis?")
+    # the right shoulder comes to lie at +y of the left one
+    recording = standing.turned(np.pi / 2.0 - np.arctan2(y, x))
+    recording = recording.moved(where - recording.root[0])
+    return Conversion(
+        recording,
+        UNIT_NAMES[unit] if unit else f"units of {metres:g} m",
+        axis,
+        first,
+        dropped,
+        bones_to_head(skeleton, points, ends),
+        bool(dropped) or (scale == "auto" and unit != _USUAL[0]) or (up == "auto" and axis != _USUAL[1]),
+        standing,
+        points,
+        skeleton.point_names,
+    )
+
+
+def _checked_joints(joints: Mapping[str, tuple[str, str]] | None) -> Mapping[str, tuple[str, str]]:
+    chosen = {} if joints is None else joints
+    if not isinstance(chosen, Mapping):
+        raise ParameterError(f"joints has to be body parts and the names of their two joints, got {joints!r}")
+    for part, pair in chosen.items():
+        known_name("body part in joints", part, JOINTS)
+        if isinstance(pair, str) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+            raise ParameterError(f"joints[{part!r}] has to be the names of two joints, got {pair!r}")
+    return chosen
+
+
+def _checked_frames(frames: tuple[int | None, int | None] | None, count: int) -> tuple[int, int]:
+    """First frame to take and the first not to take."""
+    wanted = "frames has to be the first frame to take, from 0, and the first not to take, at least two frames apart"
+    try:
+        first, last = (None, None) if frames is None else frames
+        first, last = 0 if first is None else first, count if last is None else last
+        fits = all(isinstance(one, int | np.integer) and not isinstance(one, bool) for one in (first, last))
+        fits = fits and (frames is None or 0 <= first <= last - 2 <= count - 2)
+    except (TypeError, ValueError):
+        fits = False
+    if not fits:
+        raise ParameterError(f"{wanted}; the file has {count}, got {frames!r}")
+    return int(first), int(last)
+
+
+def _capsules(skeleton: Skeleton, points: Array, ends: Ends, body: str) -> Recording:
+    """The capsules where the file has the person, z up."""
+    time = np.array([k * skeleton.frame_time for k in range(len(points))])
+    radius = {name: radius for name, _, _, radius in PARTS}
+    if body == "six":
+        first, last = ([ends[part][k] for part in JOINTS] for k in (0, 1))
+        return Recording(
+            time, points[:, first], points[:, last], np.array([radius[part] for part in JOINTS]), tuple(JOINTS)
+        )
+    lengths = bones(points, skeleton.point_parents)
+    made: list[tuple[str, Array, Array, float]] = []
+    for part, (first, last) in ends.items():
+        begin, end = points[:, first], points[:, last]
+        if part == "head":
+            top, far = _farthest(skeleton, lengths, last)
+            end = points[:, top] if _HEAD[0] <= far <= _HEAD[1] else end
+        if part not in _LIMBS:
+            made.append((part, begin, end, radius[part]))
+            continue
+        upper, lower, outer = _LIMBS[part]
+        middle = points[:, _middle(skeleton, lengths, part, first, last)]
+        tip, far = _farthest(skeleton, lengths, last)
+        if far > _SHORT:
+            outermost = points[:, tip]
+        elif part.endswith("arm"):
+            outermost = end + _HAND * (end - middle)
+        else:
+            outermost = end
+        for name, one, other in ((upper, begin, middle), (lower, middle, end), (outer, end, outermost)):
+            made.append((name, one, other, radius[part]))
+    return Recording(
+        time,
+        np.stack([begin for _, begin, _, _ in made], axis=1),
+        np.stack([end for _, _, end, _ in made], axis=1),
+        np.array([radius for _, _, _, radius in made]),
+        tuple(name for name, _, _, _ in made),
+    )
+
+
+def _farthest(skeleton: Skeleton, lengths: Array, joint: int) -> tuple[int, float]:
+    """The point that hangs farthest along the bones from a joint, and how far, in the unit of ``lengths``."""
+    far = {joint: 0.0}
+    for point in skeleton.below(joint):
+        far[point] = far[skeleton.point_parents[point]] + float(lengths[point])
+    farthest = max(far, key=lambda point: far[point])
+    return farthest, far[farthest]
+
+
+def _middle(skeleton: Skeleton, lengths: Array, part: str, first: int, last: int) -> int:
+    """Elbow or knee: the joint that cuts the way between the ends of a limb most evenly."""
+    way = skeleton.path(first, last)
+    if len(way) < 3 or way[0] != min(way):
+        raise RecordingError(
+            f"{part} has no joint between {skeleton.names[first]} and {skeleton.names[last]} that could be an elbow or "
+            "a knee; take the body 'six'"
+        )
+    so_far = np.cumsum([lengths[point] for point in way[1:]])
+    return way[1 + int(np.abs(so_far[:-1] - so_far[-1] / 2.0).argmin())]
