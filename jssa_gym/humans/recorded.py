@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans.files import load
 from jssa_gym.humans.motion import CLEARANCE, HumanMotion
 from jssa_gym.humans.recording import Recording
 from jssa_gym.types import Array, CapsuleSet
@@ -47,7 +48,8 @@ class Recorded(HumanMotion):
     step everything stands still.
 
     Args:
-        recording: What to play: a :class:`Recording`, or a file of one; None for the one that comes with the package.
+        recording: What to play: a :class:`Recording`, or a file of one, or of motion capture (``.bvh``); None for the
+            one that comes with the package.
         turn: Range of the angle about the base axis, counter-clockwise from above [rad].
         offset: Ranges ((low, high), (low, high)) of the way along x and y, after the turn [m].
         afterwards: ``"hold"`` the last sample, play it in a ``"loop"``, which needs a recording that ends as it begins,
@@ -71,7 +73,7 @@ class Recorded(HumanMotion):
         clearance: float = CLEARANCE,
     ) -> None:
         if not isinstance(recording, Recording):
-            recording = Recording.load(REACH_AND_RETREAT if recording is None else recording)
+            recording = load(REACH_AND_RETREAT if recording is None else recording).recording
         self.recording, self.afterwards = recording, known_name("afterwards", afterwards, _AFTERWARDS)
         self.turn = low_high("turn", turn, -np.inf)
         if not isinstance(offset, Sequence | np.ndarray) or len(offset) != 2:

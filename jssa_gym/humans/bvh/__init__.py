@@ -6,14 +6,14 @@ its parent's is a translation, by its offset or, where it has position channels,
 the order of its channels, each about an axis that the ones before have turned. Position channels that are 0 in every
 frame say nothing, and the offset holds.
 
-Most limbs are bent: as one straight capsule from shoulder to hand, or from hip to ankle, which is the paper's body, they
-leave it at the elbow or the knee. ``convert(..., body="jointed")`` gives every bone its own.
+Most limbs are bent: as one straight capsule from shoulder to hand, or from hip to ankle, which is the paper's body,
+they leave it at the elbow or the knee. ``convert(..., body="jointed")`` gives every bone its own.
 """
 
-from jssa_gym.humans.bvh.convert import BODIES, Conversion, convert, convert_told
+from jssa_gym.humans.bvh.convert import BODIES, Conversion, Reading, convert, convert_told
 from jssa_gym.humans.bvh.guess import UNITS
 from jssa_gym.humans.bvh.names import JOINTS
 from jssa_gym.humans.bvh.reader import parse, read
 from jssa_gym.humans.bvh.skeleton import Skeleton
 
-__all__ = ["BODIES", "JOINTS", "UNITS", "Conversion", "Skeleton", "convert", "convert_told", "parse", "read"]
+__all__ = ["BODIES", "JOINTS", "UNITS", "Conversion", "Reading", "Skeleton", "convert", "convert_told", "parse", "read"]

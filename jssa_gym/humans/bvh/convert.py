@@ -46,6 +46,32 @@ _SHORT = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """How a skeleton is to be read; see :func:`convert`.
+
+    Raises:
+        ParameterError: A value is out of range or unknown.
+    """
+
+    scale: float | str = "auto"
+    up: str = "auto"
+    joints: Mapping[str, tuple[str, str]] | None = None
+    start: Array | tuple[float, float] = (1.5, 0.0)
+    frames: tuple[int | None, int | None] | None = None
+    body: str = "six"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", _checked_joints(self.joints))
+        if isinstance(self.scale, str):
+            known_name("scale", self.scale, ("auto", *UNITS))
+        else:
+            object.__setattr__(self, "scale", positive_number("scale", self.scale))
+        known_name("up", self.up, ("auto", *_UP))
+        known_name("body", self.body, BODIES)
+        object.__setattr__(self, "start", real_array("start", self.start, (2,), "a point on the floor [m]"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Conversion:
     """A recording, and what was made of the file for it."""
 
@@ -78,7 +104,7 @@ class Conversion:
         return told
 
     def outside(self) -> dict[str, float]:
-        """How far every joint and end site is outside of all capsules, at most, by name [m]; those inside are not in it."""
+        """How far joints and end sites are outside of all capsules, at most, by name [m], of those that ever are."""
         nearest = np.full(self.points.shape[:2], np.inf)
         for i, radius in enumerate(self.standing.radius):
             start, way = self.standing.start[:, i, None], (self.standing.end - self.standing.start)[:, i, None]
@@ -124,62 +150,49 @@ def convert(
             would help.
         ParameterError: An argument is out of range or unknown.
     """
-    made = convert_told(skeleton, scale=scale, up=up, joints=joints, start=start, frames=frames, body=body)
+    made = convert_told(skeleton, Reading(scale, up, joints, start, frames, body))
     if made.unusual:
         warnings.warn(made.said, stacklevel=2)
     return made.recording
 
 
-def convert_told(
-    skeleton: Skeleton | str | Path,
-    *,
-    scale: float | str = "auto",
-    up: str = "auto",
-    joints: Mapping[str, tuple[str, str]] | None = None,
-    start: Array | tuple[float, float] = (1.5, 0.0),
-    frames: tuple[int | None, int | None] | None = None,
-    body: str = "six",
-) -> Conversion:
+def convert_told(skeleton: Skeleton | str | Path, reading: Reading) -> Conversion:
     """:func:`convert` that says what it did instead of warning of it."""
     if not isinstance(skeleton, Skeleton):
         skeleton = read(skeleton)
-    chosen = _checked_joints(joints)
-    if isinstance(scale, str):
-        known_name("scale", scale, ("auto", *UNITS))
-    metres = UNITS.get(scale, 0.0) if isinstance(scale, str) else positive_number("scale", scale)
-    known_name("up", up, ("auto", *_UP))
-    known_name("body", body, BODIES)
-    where = real_array("start", start, (2,), "a point on the floor [m]")
+    chosen = reading.joints or {}
     ends = {part: ends_of(skeleton, part, chosen.get(part)) for part in JOINTS}
-    first, last = _checked_frames(frames, len(skeleton.frames))
+    first, last = _checked_frames(reading.frames, len(skeleton.frames))
     raw = skeleton.points()[first:last]
-    unit = unit_of(skeleton, raw, ends) if scale == "auto" else scale if isinstance(scale, str) else ""
-    axis = up_of(raw, ends) if up == "auto" else up
-    turn = _UP[axis] * (UNITS[unit] if unit else metres)
-    joint_count = len(skeleton.names)
+    unit = reading.scale if isinstance(reading.scale, str) else ""
+    unit = unit_of(skeleton, raw, ends) if unit == "auto" else unit
+    metres = UNITS[unit] if unit else float(reading.scale)
+    up = up_of(raw, ends) if reading.up == "auto" else reading.up
+    joints = len(skeleton.names)
     points = np.concatenate(
-        [np.ascontiguousarray(part) @ turn.T for part in (raw[:, :joint_count], raw[:, joint_count:])], axis=1
+        [np.ascontiguousarray(some) @ (_UP[up] * metres).T for some in (raw[:, :joints], raw[:, joints:])], axis=1
     )
     dropped = 0
-    if frames is None and (dropped := calibration_frames(skeleton, points, ends)):
+    if reading.frames is None and (dropped := calibration_frames(skeleton, points, ends)):
         first, points = dropped, points[dropped:]
     if len(points) < 2:
         raise RecordingError("a motion needs two frames at least, this skeleton has one")
-    standing = _capsules(skeleton, points, ends, body)
+    standing = _capsules(skeleton, points, ends, reading.body)
     x, y = points[0, ends["right_arm"][0], :2] - points[0, ends["left_arm"][0], :2]
     if np.hypot(x, y) < 1e-9:
         raise ParameterError("the shoulders are above each other: is 'up' the right axis?")
     # the right shoulder comes to lie at +y of the left one
     recording = standing.turned(np.pi / 2.0 - np.arctan2(y, x))
-    recording = recording.moved(where - recording.root[0])
+    recording = recording.moved(np.asarray(reading.start) - recording.root[0])
+    guessed = (reading.scale == "auto" and unit != _USUAL[0]) or (reading.up == "auto" and up != _USUAL[1])
     return Conversion(
         recording,
         UNIT_NAMES[unit] if unit else f"units of {metres:g} m",
-        axis,
+        up,
         first,
         dropped,
         bones_to_head(skeleton, points, ends),
-        bool(dropped) or (scale == "auto" and unit != _USUAL[0]) or (up == "auto" and axis != _USUAL[1]),
+        guessed or bool(dropped),
         standing,
         points,
         skeleton.point_names,

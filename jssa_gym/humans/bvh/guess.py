@@ -12,7 +12,13 @@ from jssa_gym.types import Array
 UNITS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "cmu": 0.0254 / 0.45}
 """Metres in a unit of a file. ``cmu`` is 1/0.45 inch, of skeletons out of Carnegie Mellon's motion capture database."""
 
-UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "cmu": "CMU's units of 1/0.45 in"}
+UNIT_NAMES = {
+    "m": "metres",
+    "cm": "centimetres",
+    "mm": "millimetres",
+    "in": "inches",
+    "cmu": "CMU's units of 1/0.45 in",
+}
 
 _TALL = (1.0, 2.1)
 """From ankle to head along the bones, of adults and most children [m]. No two units have room in it: the factor is
@@ -88,9 +94,9 @@ def up_of(points: Array, ends: Ends) -> str:
 def calibration_frames(skeleton: Skeleton, points: Array, ends: Ends) -> int:
     """How many frames at the beginning are no motion but a pose for calibration, which the motion jumps away from.
 
-    These are frames in which no joint but the root is turned against its parent, or in which arms and legs
-    are straight, the arms level and opposite, a T; from the last of them to the next frame a joint of the body would have to move at more
-    than 10 m/s.
+    These are frames in which no joint but the root is turned against its parent, or in which arms and legs are
+    straight, the arms level and opposite, a T; from the last of them to the next frame a joint of the body would have
+    to move at more than 10 m/s.
 
     Args:
         skeleton: What was read.

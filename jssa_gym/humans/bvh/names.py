@@ -32,10 +32,10 @@ JOINTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 """The joints that a body part starts and ends at, by the names that they have in common skeletons; the first that is
 there counts. Names are compared as :func:`plain` makes them."""
 
-_SEPARATORS = " _.-"
-
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 """Words of ``RightUpLeg``, ``rUpLeg``, ``R UpLeg``, ``up_leg.R``."""
+
+_BEGINNING = re.compile(r"[^ _.-]+[ _.-]+")
 
 _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 
@@ -58,7 +58,7 @@ def plain_names(skeleton: Skeleton) -> list[str]:
     """
     names = [name.rsplit(":", 1)[-1] for name in skeleton.names]
     while True:
-        begun = Counter(match.group() for name in names if (match := re.match(rf"[^{_SEPARATORS}]+[{_SEPARATORS}]+", name)))
+        begun = Counter(match.group() for name in names if (match := _BEGINNING.match(name)))
         whose, count = begun.most_common(1)[0] if begun else ("", 0)
         if 2 * count <= len(names) or len(names) == 1:
             return [plain(name) for name in names]
