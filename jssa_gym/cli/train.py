@@ -51,7 +51,7 @@ class Train:
     out: Path = Path("training")
     """Folder for everything; a training that is there already is continued."""
     human: str | None = None
-    """People by name; None: as tuned, else the task's own."""
+    """People by name, or a file .npz, .csv or .bvh; None: as tuned, else the task's own."""
     shield: bool = True
     """Whether the learner acts through the shield of the task's shielded id."""
     control: Control | None = None

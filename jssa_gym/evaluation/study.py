@@ -14,7 +14,7 @@ from jssa_gym.evaluation.blocked import fault_of
 from jssa_gym.evaluation.geometry import geometry
 from jssa_gym.evaluation.identity import code_digest, identity, named
 from jssa_gym.evaluation.metrics import SeparationParams, summarise
-from jssa_gym.evaluation.people import PEOPLE
+from jssa_gym.evaluation.people import known_person, make_person, people_digests
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
 from jssa_gym.evaluation.policy import check_unchanged, make_policy, policy_code, policy_factory
 from jssa_gym.evaluation.rollout import shield_of
@@ -114,7 +114,7 @@ class Study(Evaluation):
         for task in self.tasks:
             known_name("task", task, TASKS)
         for human in self.humans:
-            known_name("human", human, PEOPLE)
+            known_person(human)
         for name in self.filters:
             read_name(name)
         for policy in self.policies:
@@ -127,10 +127,11 @@ class Study(Evaluation):
         return paired_seeds(((Setting(t, f, h, p), self.episodes) for t, h, p, f in names), self.seed)
 
     def config(self) -> dict[str, Any]:
-        return {**asdict(self), "code": dict(_codes(self.policies))}
+        files = people_digests(self.humans)
+        return {**asdict(self), "code": dict(_codes(self.policies)), **({"people": files} if files else {})}
 
     def make_env(self, cell: Setting) -> gym.Env:
-        return put_filter(ArmEnv(cell.task, human=PEOPLE[cell.human](), terminate_on=()), cell.filter)
+        return put_filter(ArmEnv(cell.task, human=make_person(cell.human), terminate_on=()), cell.filter)
 
     def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
         policy = make_policy(cell.policy, env.unwrapped, seed, seen=env, trust_pickle=self.trust_pickle)

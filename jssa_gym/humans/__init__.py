@@ -39,6 +39,7 @@ __all__ = [
     "Body",
     "ConstantVelocity",
     "Crowd",
+    "Given",
     "Hand",
     "HumanMotion",
     "Nobody",

@@ -1,6 +1,7 @@
 """People who move as somebody was recorded to."""
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -73,7 +74,10 @@ class Recorded(HumanMotion):
         clearance: float = CLEARANCE,
     ) -> None:
         if not isinstance(recording, Recording):
-            recording = load(REACH_AND_RETREAT if recording is None else recording).recording
+            person = load(REACH_AND_RETREAT if recording is None else recording)
+            if person.conversion is not None and person.conversion.unusual:
+                warnings.warn(person.conversion.said, stacklevel=2)
+            recording = person.recording
         self.recording, self.afterwards = recording, known_name("afterwards", afterwards, _AFTERWARDS)
         self.turn = low_high("turn", turn, -np.inf)
         if not isinstance(offset, Sequence | np.ndarray) or len(offset) != 2:

@@ -1,5 +1,7 @@
-"""What a recording shows at a look: whether its numbers can be those of a person who stands on a floor, in metres and
-seconds, z up, without gaps and jumps."""
+"""What a recording shows at a look.
+
+Whether its numbers can be those of a person who stands on a floor, in metres and seconds, z up, without gaps and jumps.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
