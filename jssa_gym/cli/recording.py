@@ -11,7 +11,7 @@ from rich.table import Table
 
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans.bvh import UNITS, Reading
+from jssa_gym.humans.bvh import JOINTS, UNITS, Reading
 from jssa_gym.humans.files import Person, load
 from jssa_gym.humans.survey import Finding, height_of, lowest_of
 from jssa_gym.safety.failsafe import FailsafeParams
@@ -167,10 +167,8 @@ def _advice(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> l
     if outside := _outside(person):
         named = ", ".join(f"{name} {far:.2f} m" for name, far in list(outside.items())[:6])
         more = f", and {len(outside) - 6} more" if len(outside) > 6 else ""
-        jointed = (
-            "" if any("forearm" in name for name in person.recording.names) else "; --body jointed has more capsules"
-        )
-        said.append(f"outside of all capsules by up to: {named}{more}{jointed}")
+        cure = "; --body jointed has more capsules" if len(person.recording.names) == len(JOINTS) else ""
+        said.append(f"outside of all capsules by up to: {named}{more}{cure}")
     return said
 
 

@@ -74,7 +74,7 @@ def make_human(human: Given | Sequence[Given]) -> HumanMotion:
     """
     if isinstance(human, HumanMotion):
         return copy.deepcopy(human)
-    if is_file(human):
+    if isinstance(human, str | os.PathLike) and is_file(human):
         person = load(human)
         for told in person.surprises():
             warnings.warn(f"{Path(human).name}: {told}", stacklevel=2)

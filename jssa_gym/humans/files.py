@@ -3,7 +3,7 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 from jssa_gym.exceptions import ParameterError, RecordingError
 from jssa_gym.humans.bvh import Conversion, Reading, convert_told
@@ -34,7 +34,7 @@ class Person:
         return [*guessed, *map(str, self.findings())]
 
 
-def is_file(human: Any) -> TypeGuard[str | os.PathLike[str]]:
+def is_file(human: Any) -> bool:
     """Whether somebody is given as a file: a path, or a string that ends in one of :data:`SUFFIXES`."""
     return isinstance(human, os.PathLike) or (isinstance(human, str) and human.casefold().endswith(SUFFIXES))
 

@@ -1,8 +1,9 @@
 """From a skeleton to capsules: the paper's six, or one a bone of the limbs."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -212,17 +213,17 @@ def _checked_joints(joints: Mapping[str, tuple[str, str]] | None) -> Mapping[str
 
 def _checked_frames(frames: tuple[int | None, int | None] | None, count: int) -> tuple[int, int]:
     """First frame to take and the first not to take."""
-    wanted = "frames has to be the first frame to take, from 0, and the first not to take, at least two frames apart"
-    try:
-        first, last = (None, None) if frames is None else frames
-        first, last = 0 if first is None else first, count if last is None else last
-        fits = all(isinstance(one, int | np.integer) and not isinstance(one, bool) for one in (first, last))
-        fits = fits and (frames is None or 0 <= first <= last - 2 <= count - 2)
-    except (TypeError, ValueError):
-        fits = False
-    if not fits:
-        raise ParameterError(f"{wanted}; the file has {count}, got {frames!r}")
-    return int(first), int(last)
+    if frames is None:
+        return 0, count
+    if isinstance(frames, Sequence) and len(frames) == 2:
+        first, last = (end if one is None else one for one, end in zip(frames, (0, count), strict=True))
+        whole = all(isinstance(one, Integral) and not isinstance(one, bool) for one in (first, last))
+        if whole and 0 <= first <= last - 2 <= count - 2:
+            return int(first), int(last)
+    raise ParameterError(
+        "frames has to be the first frame to take, from 0, and the first not to take, two frames apart at least; the "
+        f"file has {count}, got {frames!r}"
+    )
 
 
 def _capsules(skeleton: Skeleton, points: Array, ends: Ends, body: str) -> Recording:

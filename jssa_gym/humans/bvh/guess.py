@@ -24,7 +24,7 @@ _TALL = (1.0, 2.1)
 """From ankle to head along the bones, of adults and most children [m]. No two units have room in it: the factor is
 2.1, the nearest two units are 2.2 apart."""
 
-_ALONG = 0.7
+_ALONG = 0.75
 """Share of the way from feet to head that the upward axis has at least, in the median of the frames."""
 
 _STILL = 1.0
