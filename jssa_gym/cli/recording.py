@@ -1,6 +1,7 @@
 """``jssa-gym recording``: recorded people, looked at and converted."""
 
 import json
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -161,8 +162,8 @@ def _advice(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> l
         said.append(
             f"{', '.join(part.name for part in fast)}: faster than a shield assumes, in "
             f"{100.0 * time_beyond(person.recording, params):.0f} % of the time; it does not believe such measurements "
-            f"and stays stopped meanwhile (FAULT). Give it failsafe=FailsafeParams({raised}), or have the recording "
-            f"played {worst:.2g} times as slowly"
+            f"and stays stopped meanwhile (FAULT). Give it failsafe=FailsafeParams({raised}), or play it as "
+            f"Recorded(FILE, pace={math.floor(100.0 / worst) / 100.0:g})"
         )
     if outside := _outside(person):
         named = ", ".join(f"{name} {far:.2f} m" for name, far in list(outside.items())[:6])

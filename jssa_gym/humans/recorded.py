@@ -11,9 +11,9 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.files import load
 from jssa_gym.humans.motion import CLEARANCE, HumanMotion
-from jssa_gym.humans.recording import Recording
+from jssa_gym.humans.recording import Recording, nearest_root
 from jssa_gym.types import Array, CapsuleSet
-from jssa_gym.validation import known_name, low_high, number_within
+from jssa_gym.validation import known_name, low_high, number_within, positive_number
 
 REACH_AND_RETREAT = Path(__file__).parent / "recordings" / "reach_and_retreat.npz"
 """The recording that comes with the package; ``examples/make_recording.py`` synthesises it."""
@@ -56,6 +56,7 @@ class Recorded(HumanMotion):
         afterwards: ``"hold"`` the last sample, play it in a ``"loop"``, which needs a recording that ends as it begins,
             or ``"back_and_forth"``.
         clearance: No placement brings the root, the first capsule's start, nearer to the base axis [m].
+        pace: How fast it is played; 0.5 takes twice the time, at half the speed.
 
     Raises:
         RecordingError: The file is not a sound recording.
@@ -72,6 +73,7 @@ class Recorded(HumanMotion):
         offset: Sequence[Sequence[float]] = ((0.0, 0.1), (-0.1, 0.1)),
         afterwards: str = "hold",
         clearance: float = CLEARANCE,
+        pace: float = 1.0,
     ) -> None:
         if not isinstance(recording, Recording):
             person = load(REACH_AND_RETREAT if recording is None else recording)
@@ -84,6 +86,8 @@ class Recorded(HumanMotion):
             raise ParameterError(f"offset has to be ((low, high), (low, high)), got {offset!r}")
         self.offset = low_high("offset", offset[0], -np.inf), low_high("offset", offset[1], -np.inf)
         self.clearance = number_within("clearance", clearance, 0.0)
+        if (pace := positive_number("pace", pace)) != 1.0:
+            self.recording = recording = replace(recording, time=recording.time / pace)
         if afterwards == "loop":
             self.recording = _closed(recording)
         self.speed_bound = self.recording.speed
@@ -123,7 +127,7 @@ class Recorded(HumanMotion):
         for _ in range(100):
             placed = self.recording.turned(rng.uniform(*self.turn))
             placed = placed.moved(np.array([rng.uniform(*along) for along in self.offset]))
-            if _nearest(placed.root) >= self.clearance:
+            if float(np.hypot(*nearest_root(placed.root))) >= self.clearance:
                 return placed
         raise ParameterError(f"no placement of the recording keeps {self.clearance} m from the base axis")
 
@@ -134,7 +138,7 @@ class Recorded(HumanMotion):
         bearing = math.atan2(start[1], start[0])
         placed = self.recording.turned(bearing - math.atan2(root[1], root[0]))
         placed = placed.moved(start - placed.root[0])
-        nearest = _nearest(placed.root)
+        nearest = float(np.hypot(*nearest_root(placed.root)))
         if nearest < self.clearance:
             raise ParameterError(
                 f"from start {start.tolist()} the recording leads to {nearest:.2f} m from the base axis; "
@@ -152,11 +156,3 @@ def _closed(recording: Recording) -> Recording:
         )
     start, end = (np.concatenate([ends[:-1], ends[:1]]) for ends in (recording.start, recording.end))
     return replace(recording, start=start, end=end)
-
-
-def _nearest(path: Array) -> float:
-    """Smallest distance of straight ways between points (T, 2) from the origin [m]."""
-    begin, way = path[:-1], np.diff(path, axis=0)
-    length = np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
-    share = np.clip(-np.einsum("ij,ij->i", begin, way) / length, 0.0, 1.0)
-    return float(np.hypot(*(begin + share[:, None] * way).T).min())

@@ -128,6 +128,15 @@ class Recording:
             write_archive(file, {"names": np.array(self.names), **values}, compressed=True)
 
 
+def nearest_root(path: Array) -> Array:
+    """The point of straight ways between points (T, 2) that is nearest to the base axis, shape (2,) [m]."""
+    begin, way = path[:-1], np.diff(path, axis=0)
+    length = np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
+    share = np.clip(-np.einsum("ij,ij->i", begin, way) / length, 0.0, 1.0)
+    points = begin + share[:, None] * way
+    return points[int(np.hypot(*points.T).argmin())]
+
+
 def load_placed(path: str | Path) -> tuple[Recording, Source]:
     """:meth:`Recording.load`, and where the samples stand in the file."""
     path = _path(path)

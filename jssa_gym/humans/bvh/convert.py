@@ -14,12 +14,19 @@ from jssa_gym.humans.bvh.guess import UNIT_NAMES, UNITS, Ends, bones_to_head, ca
 from jssa_gym.humans.bvh.names import JOINTS, ends_of
 from jssa_gym.humans.bvh.reader import read
 from jssa_gym.humans.bvh.skeleton import Skeleton, bones
-from jssa_gym.humans.recording import Recording
+from jssa_gym.humans.motion import CLEARANCE
+from jssa_gym.humans.recording import Recording, nearest_root
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, positive_number, real_array
 
 _UP = {"y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), "z": np.eye(3)}
 """Turns the file's upward axis to z."""
+
+START = (1.5, 0.0)
+"""Where people begin, in front of the arm [m]."""
+
+_AWAY = CLEARANCE + 0.15
+"""How near they come to the base axis, unless told where to begin [m]; a placement that is drawn takes up to 0.14."""
 
 _USUAL = ("cm", "y")
 """Unit and axis that need not be said."""
@@ -39,7 +46,7 @@ _HAND = 0.74
 """Length of a hand over that of the forearm, of skeletons that end at the wrist; Drillis and Contini, 1966: 0.108 and
 0.146 of the stature."""
 
-_HEAD = (0.05, 0.4)
+_HEAD = 0.4
 """How far from its joint a head may end [m]; beyond, an end site is none of a head."""
 
 _SHORT = 0.02
@@ -57,7 +64,8 @@ class Reading:
     scale: float | str = "auto"
     up: str = "auto"
     joints: Mapping[str, tuple[str, str]] | None = None
-    start: Array | tuple[float, float] = (1.5, 0.0)
+    start: Array | tuple[float, float] | None = None
+    """None for :data:`START`, or a place beside it from where the person does not walk into the base."""
     frames: tuple[int | None, int | None] | None = None
     body: str = "six"
 
@@ -69,7 +77,8 @@ class Reading:
             object.__setattr__(self, "scale", positive_number("scale", self.scale))
         known_name("up", self.up, ("auto", *_UP))
         known_name("body", self.body, BODIES)
-        object.__setattr__(self, "start", real_array("start", self.start, (2,), "a point on the floor [m]"))
+        if self.start is not None:
+            object.__setattr__(self, "start", real_array("start", self.start, (2,), "a point on the floor [m]"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +111,8 @@ class Conversion:
         if self.dropped:
             frames = "frame 0 is" if self.dropped == 1 else f"frames 0 to {self.dropped - 1} are"
             told += f"; {frames} a pose for calibration, which the motion jumps away from, and left out"
-        return told
+        x, y = self.recording.root[0]
+        return f"{told}; begins at ({x:.2f}, {y:.2f}) m"
 
     def outside(self) -> dict[str, float]:
         """How far joints and end sites are outside of all capsules, at most, by name [m], of those that ever are."""
@@ -123,7 +133,7 @@ def convert(
     scale: float | str = "auto",
     up: str = "auto",
     joints: Mapping[str, tuple[str, str]] | None = None,
-    start: Array | tuple[float, float] = (1.5, 0.0),
+    start: Array | tuple[float, float] = START,
     frames: tuple[int | None, int | None] | None = None,
     body: str = "six",
 ) -> Recording:
@@ -165,6 +175,8 @@ def convert_told(skeleton: Skeleton | str | Path, reading: Reading) -> Conversio
     ends = {part: ends_of(skeleton, part, chosen.get(part)) for part in JOINTS}
     first, last = _checked_frames(reading.frames, len(skeleton.frames))
     raw = skeleton.points()[first:last]
+    if len(raw) < 2:
+        raise RecordingError("a motion needs two frames at least, this skeleton has one")
     unit = reading.scale if isinstance(reading.scale, str) else ""
     unit = unit_of(skeleton, raw, ends) if unit == "auto" else unit
     metres = UNITS[unit] if unit else float(reading.scale)
@@ -176,15 +188,15 @@ def convert_told(skeleton: Skeleton | str | Path, reading: Reading) -> Conversio
     dropped = 0
     if reading.frames is None and (dropped := calibration_frames(skeleton, points, ends)):
         first, points = dropped, points[dropped:]
-    if len(points) < 2:
-        raise RecordingError("a motion needs two frames at least, this skeleton has one")
     standing = _capsules(skeleton, points, ends, reading.body)
     x, y = points[0, ends["right_arm"][0], :2] - points[0, ends["left_arm"][0], :2]
     if np.hypot(x, y) < 1e-9:
         raise ParameterError("the shoulders are above each other: is 'up' the right axis?")
     # the right shoulder comes to lie at +y of the left one
     recording = standing.turned(np.pi / 2.0 - np.arctan2(y, x))
-    recording = recording.moved(np.asarray(reading.start) - recording.root[0])
+    recording = recording.moved(np.asarray(START if reading.start is None else reading.start) - recording.root[0])
+    if reading.start is None:
+        recording = _beside_base(recording)
     guessed = (reading.scale == "auto" and unit != _USUAL[0]) or (reading.up == "auto" and up != _USUAL[1])
     return Conversion(
         recording,
@@ -198,6 +210,19 @@ def convert_told(skeleton: Skeleton | str | Path, reading: Reading) -> Conversio
         points,
         skeleton.point_names,
     )
+
+
+def _beside_base(recording: Recording) -> Recording:
+    """The same, moved along the floor as far as it takes not to walk into the base."""
+    moved = recording
+    for _ in range(100):
+        nearest = nearest_root(moved.root)
+        distance = float(np.hypot(*nearest))
+        if distance >= _AWAY:
+            return moved
+        outwards = nearest / distance if distance > 1e-6 else np.array([0.0, 1.0])
+        moved = moved.moved((_AWAY + 1e-6 - distance) * outwards)
+    return recording.moved(np.array([_AWAY - recording.root[:, 0].min(), 0.0]))  # it goes around the base
 
 
 def _checked_joints(joints: Mapping[str, tuple[str, str]] | None) -> Mapping[str, tuple[str, str]]:
@@ -241,7 +266,8 @@ def _capsules(skeleton: Skeleton, points: Array, ends: Ends, body: str) -> Recor
         begin, end = points[:, first], points[:, last]
         if part == "head":
             top, far = _farthest(skeleton, lengths, last)
-            end = points[:, top] if _HEAD[0] <= far <= _HEAD[1] else end
+            if radius[part] < far <= _HEAD:  # else the top is within the sphere around the joint, or is none
+                end = begin + (1.0 - radius[part] / far) * (points[:, top] - begin)
         if part not in _LIMBS:
             made.append((part, begin, end, radius[part]))
             continue

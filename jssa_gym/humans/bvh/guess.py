@@ -108,7 +108,7 @@ def calibration_frames(skeleton: Skeleton, points: Array, ends: Ends) -> int:
     """
     posed = (skeleton.turned() <= _STILL) | _is_t(skeleton, points, ends)
     count = int((~posed).argmax()) if not posed.all() else 0
-    if count == 0:
+    if count == 0 or count > len(points) - 2:
         return 0
     joints = sorted({joint for pair in ends.values() for joint in pair})
     way = np.linalg.norm(points[count, joints] - points[count - 1, joints], axis=-1).max()
