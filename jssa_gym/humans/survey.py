@@ -32,6 +32,15 @@ _GAP, _GAP_SHARE, _GAP_WAY = 0.25, 5.0, 0.02
 _JUMP_SPEED, _JUMP_WAY = 15.0, 0.3
 """Speed [m/s] and way [m] of a step that no hand makes; hands of good throwers reach 20 m/s, from a run up."""
 
+_UPRIGHT = {
+    "x": "y, z and x",
+    "y": "x, -z and y",
+    "-x": "z, y and -x",
+    "-y": "x, z and -y",
+    "-z": "x, -y and -z",
+}
+"""What to take for x, y and z if that axis points up; rotations all."""
+
 _FEET = ("foot", "feet", "ankle", "toe", "leg")
 
 Kind = Literal["lengths", "time", "upright", "height", "floor", "gap", "jump"]
@@ -164,12 +173,11 @@ def _upright(recording: "Recording", source: Source) -> Iterator[Finding]:
         return
     where = source.value(0, f"{recording.names[head]}.start.{'xyz'[axis]}")
     sign = "-" if way[axis] < 0.0 else ""
-    cures = {"y": "write x, -z and y as x, y and z", "x": "write y, z and x as x, y and z"}
     yield Finding(
         "upright",
         f"{where}: the head is above the legs along "
         f"{sign}{'xyz'[axis]}, in most samples by {abs(way[axis]):.2f} m, and along z by {way[2]:.2f} m",
-        f"z has to point up: {cures.get(sign + 'xyz'[axis], 'turn it')}, if this is somebody who stands",
+        f"z has to point up: write {_UPRIGHT[sign + 'xyz'[axis]]} as x, y and z, if this is somebody who stands",
     )
 
 
