@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,6 +18,7 @@ from jssa_gym.humans.survey import Finding, height_of, lowest_of
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.speeds import PartSpeed, part_speeds, sufficient, time_beyond
 from jssa_gym.text import counted
+from jssa_gym.validation import positive_number
 
 _OUTSIDE = 0.05
 """How far a joint may be outside of the capsules without a word [m]."""
@@ -85,11 +86,14 @@ class Convert:
     out: Annotated[Path, tyro.conf.Positional]
     """The .npz file to write."""
     capture: Annotated[Capture, tyro.conf.arg(name="")] = field(default_factory=Capture)
+    pace: float = 1.0
+    """How fast it is to be; 0.5 takes twice the time, at half the speed."""
 
     def run(self) -> None:
         """Read, write."""
+        pace = positive_number("pace", self.pace)
         person = self.capture.load(self.file)
-        person.recording.save(self.out)
+        replace(person.recording, time=person.recording.time / pace).save(self.out)
         console = Terminal(stderr=True)
         for line in _read_as(person):
             console.say(line)
