@@ -12,9 +12,9 @@ from rich.table import Table
 
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans.bvh import JOINTS, UNITS, Reading
+from jssa_gym.humans.bvh import JOINTS, UNITS, CaptureOptions
 from jssa_gym.humans.files import Person, load
-from jssa_gym.humans.survey import Finding, height_of, lowest_of
+from jssa_gym.humans.survey import Oddity, height_of, lowest_of
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.speeds import PartSpeed, part_speeds, sufficient, time_beyond
 from jssa_gym.text import counted
@@ -47,11 +47,11 @@ class Capture:
         """
         if file.suffix.casefold() != ".bvh" and self == Capture():
             return load(file)
-        return load(file, Reading(_scale(self.scale), self.up, frames=_frames(self.frames), body=self.body))
+        return load(file, CaptureOptions(_scale(self.scale), self.up, frames=_frames(self.frames), body=self.body))
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckRecording:
     """Look at a recorded person, .npz, .csv or .bvh: say what is in it, and what to change before it is played.
 
     The exit code is 1 if anything is to be changed, or moves faster than a shield assumes by default.
@@ -78,7 +78,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Convert:
+class ConvertRecording:
     """Write what was read from a recorded person, .csv or .bvh, as an .npz file, which says all for itself."""
 
     file: Annotated[Path, tyro.conf.Positional]
@@ -107,7 +107,8 @@ class RecordingCommand:
     """Recorded people: looked at, and converted."""
 
     action: Annotated[
-        Annotated[Check, tyro.conf.subcommand("check")] | Annotated[Convert, tyro.conf.subcommand("convert")],
+        Annotated[CheckRecording, tyro.conf.subcommand("check")]
+        | Annotated[ConvertRecording, tyro.conf.subcommand("convert")],
         tyro.conf.arg(name=""),
     ]
 
@@ -207,7 +208,7 @@ def _show(name: str, person: Person, parts: list[PartSpeed], params: FailsafePar
 
 def _plain(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> dict[str, Any]:
     recording, made = person.recording, person.conversion
-    findings: list[Finding] = person.findings()
+    findings: list[Oddity] = person.findings()
     return {
         "samples": len(recording.time),
         "duration": recording.duration,

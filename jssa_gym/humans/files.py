@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from jssa_gym.exceptions import ParameterError, RecordingError
-from jssa_gym.humans.bvh import Conversion, Reading, convert_told
+from jssa_gym.humans.bvh import CaptureOptions, Conversion, convert_told
 from jssa_gym.humans.recording import Recording, load_placed
-from jssa_gym.humans.survey import Finding, Source, survey
+from jssa_gym.humans.survey import Oddity, Source, survey
 
 SUFFIXES = (".npz", ".csv", ".bvh")
 """Of files of people, in any case."""
@@ -24,7 +24,7 @@ class Person:
     conversion: Conversion | None = None
     """Of motion capture."""
 
-    def findings(self) -> list[Finding]:
+    def findings(self) -> list[Oddity]:
         """All that is not as in people."""
         return survey(self.recording, self.source)
 
@@ -39,22 +39,22 @@ def is_file(human: Any) -> bool:
     return isinstance(human, os.PathLike) or (isinstance(human, str) and human.casefold().endswith(SUFFIXES))
 
 
-def load(path: str | os.PathLike[str], reading: Reading | None = None) -> Person:
+def load(path: str | os.PathLike[str], options: CaptureOptions | None = None) -> Person:
     """Read somebody from a file.
 
     Args:
         path: Of the file.
-        reading: Of motion capture; None for the defaults of :func:`jssa_gym.humans.bvh.convert`.
+        options: Of motion capture; None for the defaults of :func:`jssa_gym.humans.bvh.convert`.
 
     Raises:
         RecordingError: There is no such file, or it is not sound.
-        ParameterError: Frames are asked for that are not there, or ``reading`` is given for what is no motion capture.
+        ParameterError: Frames are asked for that are not there, or ``options`` are given for what is no motion capture.
     """
     if not isinstance(path, str | os.PathLike) or Path(path).suffix.casefold() not in SUFFIXES:
         raise RecordingError(f"people are read from files {', '.join(SUFFIXES)}, got {str(path)!r}")
     path = Path(path)
     if path.suffix.casefold() != ".bvh":
-        if reading is not None:
+        if options is not None:
             raise ParameterError(
                 f"scale, up, joints, start, frames and body are for motion capture, .bvh; got {path.name}"
             )
@@ -63,7 +63,7 @@ def load(path: str | os.PathLike[str], reading: Reading | None = None) -> Person
     if not path.is_file():
         raise RecordingError(f"no recording at {path}")
     try:
-        made = convert_told(path, Reading() if reading is None else reading)
+        made = convert_told(path, CaptureOptions() if options is None else options)
     except RecordingError as error:
         said = str(error)
         raise RecordingError(said if said.startswith(path.name) else f"{path.name}: {said}") from error.__cause__

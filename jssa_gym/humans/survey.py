@@ -50,7 +50,7 @@ REFUSED: tuple[Kind, ...] = ("lengths", "time", "upright", "jump")
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Oddity:
     """Something that is not as in people."""
 
     kind: Kind
@@ -84,7 +84,7 @@ class Source:
         return f"{self.sample(k)}, {column}{name}"
 
 
-def survey(recording: "Recording", source: Source | None = None) -> list[Finding]:
+def survey(recording: "Recording", source: Source | None = None) -> list[Oddity]:
     """All that is not as in people.
 
     Args:
@@ -124,35 +124,35 @@ def steps_of(recording: "Recording") -> Array:
     return np.linalg.norm(np.diff(ends, axis=0), axis=-1)
 
 
-def _lengths(recording: "Recording", source: Source) -> Iterator[Finding]:
+def _lengths(recording: "Recording", source: Source) -> Iterator[Oddity]:
     said = "metres are meant: convert millimetres or centimetres"
     if source.rows is not None:
         said += ", or say the unit in the header, as in 'head.start.x [mm]'"
     if (i := int(recording.radius.argmax())) >= 0 and recording.radius[i] > _LARGEST_RADIUS:
         where = source.value(0, f"{recording.names[i]}.radius")
-        yield Finding("lengths", f"{where}: a radius of {recording.radius[i]:.4g} m", said)
+        yield Oddity("lengths", f"{where}: a radius of {recording.radius[i]:.4g} m", said)
         return
     length = np.linalg.norm(recording.end - recording.start, axis=-1)
     k, i = np.unravel_index(int(length.argmax()), length.shape)
     if length[k, i] > _LARGEST_LENGTH:
         where = source.value(int(k), f"{recording.names[i]}.end.x")
-        yield Finding("lengths", f"{where}: {recording.names[i]} is {length[k, i]:.4g} m long", said)
+        yield Oddity("lengths", f"{where}: {recording.names[i]} is {length[k, i]:.4g} m long", said)
         return
     heights = np.stack([recording.start[:, :, 2], recording.end[:, :, 2]], axis=2)
     if np.median(np.abs(heights), axis=0).max() > _LARGEST_HEIGHT:
         k, i, end = np.unravel_index(int(np.abs(heights).argmax()), heights.shape)
         where = source.value(int(k), f"{recording.names[i]}.{('start', 'end')[end]}.z")
-        yield Finding("lengths", f"{where}: a height of {heights[k, i, end]:.4g} m", said)
+        yield Oddity("lengths", f"{where}: a height of {heights[k, i, end]:.4g} m", said)
 
 
-def _time(recording: "Recording", source: Source) -> Iterator[Finding]:
+def _time(recording: "Recording", source: Source) -> Iterator[Oddity]:
     step = np.diff(recording.time)
     speed = float(np.percentile(steps_of(recording).max(axis=(1, 2)) / step, 90.0))
     if len(step) >= 4 and np.median(step) >= _SPARSE and 0.0 < speed < _HARDLY:
         cure = "seconds are meant: convert milliseconds"
         if source.rows is not None:
             cure += ", or say the unit in the header, as in 'time [ms]'"
-        yield Finding(
+        yield Oddity(
             "time",
             f"{source.value(1, 'time')}: a sample comes every {np.median(step):.4g} s, and nobody moves faster than "
             f"{speed:.2g} m/s",
@@ -160,7 +160,7 @@ def _time(recording: "Recording", source: Source) -> Iterator[Finding]:
         )
 
 
-def _upright(recording: "Recording", source: Source) -> Iterator[Finding]:
+def _upright(recording: "Recording", source: Source) -> Iterator[Oddity]:
     names = [name.casefold() for name in recording.names]
     head = next((i for i, name in enumerate(names) if "head" in name), None)
     feet = [i for i, name in enumerate(names) if any(foot in name for foot in _FEET)]
@@ -173,7 +173,7 @@ def _upright(recording: "Recording", source: Source) -> Iterator[Finding]:
         return
     where = source.value(0, f"{recording.names[head]}.start.{'xyz'[axis]}")
     sign = "-" if way[axis] < 0.0 else ""
-    yield Finding(
+    yield Oddity(
         "upright",
         f"{where}: the head is above the legs along "
         f"{sign}{'xyz'[axis]}, in most samples by {abs(way[axis]):.2f} m, and along z by {way[2]:.2f} m",
@@ -181,34 +181,34 @@ def _upright(recording: "Recording", source: Source) -> Iterator[Finding]:
     )
 
 
-def _height(recording: "Recording") -> Iterator[Finding]:
+def _height(recording: "Recording") -> Iterator[Oddity]:
     height = height_of(recording)
     if not _TALL[0] <= height <= _TALL[1] and len(recording.names) > 1:
-        yield Finding(
+        yield Oddity(
             "height",
             f"the person is {height:.2f} m tall in most samples, capsules included",
             f"people are {_TALL[0]:g} to {_TALL[1]:g} m: is the unit right, and do they stand?",
         )
 
 
-def _floor(recording: "Recording") -> Iterator[Finding]:
+def _floor(recording: "Recording") -> Iterator[Oddity]:
     lowest = lowest_of(recording)
     if len(recording.names) > 1 and not _FLOOR[0] <= lowest <= _FLOOR[1]:
         where = f"{-lowest:.2f} m below" if lowest < 0.0 else f"{lowest:.2f} m above"
-        yield Finding(
+        yield Oddity(
             "floor",
             f"what is lowest of the body is {where} the floor in most samples",
             f"the floor is at z = 0: add {0.08 - lowest:.2f} m to all heights, if they stand on it",
         )
 
 
-def _gaps(recording: "Recording", source: Source) -> Iterator[Finding]:
+def _gaps(recording: "Recording", source: Source) -> Iterator[Oddity]:
     step, way = np.diff(recording.time), steps_of(recording).max(axis=(1, 2))
     gaps = np.flatnonzero((step > max(_GAP, _GAP_SHARE * float(np.median(step)))) & (way > _GAP_WAY))
     if len(gaps):
         k = int(gaps[0])
         more = f", and {len(gaps) - 1} more" if len(gaps) > 1 else ""
-        yield Finding(
+        yield Oddity(
             "gap",
             f"{source.value(k + 1, 'time')}: a gap of {step[k]:.2f} s after {source.sample(k)}, at "
             f"{recording.time[k]:.3f} s{more}",
@@ -216,7 +216,7 @@ def _gaps(recording: "Recording", source: Source) -> Iterator[Finding]:
         )
 
 
-def _jumps(recording: "Recording", source: Source) -> Iterator[Finding]:
+def _jumps(recording: "Recording", source: Source) -> Iterator[Oddity]:
     step, way = np.diff(recording.time), steps_of(recording)
     speed = way / step[:, None, None]
     jumps = (speed > _JUMP_SPEED) & (way > _JUMP_WAY)
@@ -227,7 +227,7 @@ def _jumps(recording: "Recording", source: Source) -> Iterator[Finding]:
         steps = int(jumps.any(axis=(1, 2)).sum())
         more = f"; so do parts in {steps - 1} more steps" if steps > 1 else ""
         where = source.value(k + 1, f"{recording.names[i]}.{('start', 'end')[end]}.{'xyz'[axis]}")
-        yield Finding(
+        yield Oddity(
             "jump",
             f"{where}: jumps by {way[k, i, end]:.2f} m within {step[k]:.3g} s, {speed[k, i, end]:.3g} m/s, at "
             f"{recording.time[k + 1]:.3f} s{more}",

@@ -7,7 +7,7 @@ from gait import BODY, BVH_JOINTS, DIALECTS, bvh_text, joints_of, walk
 from jssa_gym.exceptions import ParameterError, RecordingError
 from jssa_gym.humans import Recorded, bvh, make_human
 from jssa_gym.humans.body import NAMES
-from jssa_gym.humans.bvh import UNITS, Reading, convert_told
+from jssa_gym.humans.bvh import UNITS, CaptureOptions, convert_told
 
 SIX = {
     "head": ("head", "head"),
@@ -53,7 +53,7 @@ def check_places(recording, expected, ends, frames=slice(None)):
 @pytest.mark.parametrize("unit", UNITS)
 def test_unit_and_axis_are_told_from_the_skeleton(unit, up):
     motion = walk()
-    made = convert_told(bvh.parse(bvh_text(*motion, unit=UNITS[unit], up=up)), Reading(start=(1.5, 0.0)))
+    made = convert_told(bvh.parse(bvh_text(*motion, unit=UNITS[unit], up=up)), CaptureOptions(start=(1.5, 0.0)))
     assert (made.up, made.dropped, made.unusual) == (up, 0, (unit, up) != ("cm", "y"))
     assert {"m": "metres", "in": "inches"}.get(unit, made.unit) == made.unit
     check_places(made.recording, joints_of(*motion), SIX)
@@ -73,7 +73,7 @@ def test_joints_are_known_by_the_names_of_common_dialects(dialect):
 def test_position_channels_stand_for_the_offset(placed):
     """They repeat it, and it counts once; nothing but zeros says nothing."""
     motion = walk(frames=8)
-    made = convert_told(bvh.parse(bvh_text(*motion, placed=placed)), Reading())
+    made = convert_told(bvh.parse(bvh_text(*motion, placed=placed)), CaptureOptions())
     assert made.length == pytest.approx(1.556, abs=2e-3)
     check_places(made.recording, joints_of(*motion), SIX)
 
@@ -186,7 +186,7 @@ def with_pose(frames, count=1, *, away=(0.0, 0.0, 0.0), rest=True):
 def test_a_pose_for_calibration_is_left_out_and_told(count, rest):
     motion = with_pose(20, count, away=(2.2, 0.0, 0.0), rest=rest)
     skeleton = bvh.parse(bvh_text(*motion))
-    made = convert_told(skeleton, Reading())
+    made = convert_told(skeleton, CaptureOptions())
     assert (made.dropped, made.first, len(made.recording.time)) == (count, count, 20 - count)
     assert made.recording.time[0] == 0.0
     assert made.recording.speed < 5.0
@@ -202,12 +202,12 @@ def test_a_pose_that_the_motion_goes_on_from_stays():
     angles, hips = walk(frames=30, rate=30.0)
     ramp = np.minimum(np.arange(30) / 15.0, 1.0)[:, None]
     angles = {joint: ramp * values for joint, values in angles.items()}
-    made = convert_told(bvh.parse(bvh_text(angles, hips)), Reading())
+    made = convert_told(bvh.parse(bvh_text(angles, hips)), CaptureOptions())
     assert made.dropped == 0
     # nor does a jump from a pose in which nobody is calibrated
     angles, hips = walk(frames=30)
     hips[:1] += [3.0, 0.0, 0.0]
-    assert convert_told(bvh.parse(bvh_text(angles, hips)), Reading()).dropped == 0
+    assert convert_told(bvh.parse(bvh_text(angles, hips)), CaptureOptions()).dropped == 0
 
 
 def test_frames_are_chosen():
@@ -244,7 +244,7 @@ def outside(recording, points):
 def test_a_jointed_body_covers_what_one_capsule_a_limb_does_not():
     motion = walk(frames=12, elbow=100.0, bend=80.0)
     skeleton = bvh.parse(bvh_text(*motion))
-    six, jointed = (convert_told(skeleton, Reading(body=body)) for body in ("six", "jointed"))
+    six, jointed = (convert_told(skeleton, CaptureOptions(body=body)) for body in ("six", "jointed"))
     for made in (six, jointed):
         told = made.outside()
         for name, points in zip(made.point_names, np.moveaxis(made.points, 1, 0), strict=True):

@@ -10,10 +10,21 @@ Most limbs are bent: as one straight capsule from shoulder to hand, or from hip 
 they leave it at the elbow or the knee. ``convert(..., body="jointed")`` gives every bone its own.
 """
 
-from jssa_gym.humans.bvh.convert import BODIES, Conversion, Reading, convert, convert_told
+from jssa_gym.humans.bvh.convert import BODIES, CaptureOptions, Conversion, convert, convert_told
 from jssa_gym.humans.bvh.guess import UNITS
 from jssa_gym.humans.bvh.names import JOINTS
 from jssa_gym.humans.bvh.reader import parse, read
 from jssa_gym.humans.bvh.skeleton import Skeleton
 
-__all__ = ["BODIES", "JOINTS", "UNITS", "Conversion", "Reading", "Skeleton", "convert", "convert_told", "parse", "read"]
+__all__ = [
+    "BODIES",
+    "JOINTS",
+    "UNITS",
+    "CaptureOptions",
+    "Conversion",
+    "Skeleton",
+    "convert",
+    "convert_told",
+    "parse",
+    "read",
+]

@@ -54,7 +54,7 @@ _SHORT = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class CaptureOptions:
     """How a skeleton is to be read; see :func:`convert`.
 
     Raises:
@@ -161,43 +161,43 @@ def convert(
             would help.
         ParameterError: An argument is out of range or unknown.
     """
-    made = convert_told(skeleton, Reading(scale, up, joints, start, frames, body))
+    made = convert_told(skeleton, CaptureOptions(scale, up, joints, start, frames, body))
     if made.unusual:
         warnings.warn(made.said, stacklevel=2)
     return made.recording
 
 
-def convert_told(skeleton: Skeleton | str | Path, reading: Reading) -> Conversion:
+def convert_told(skeleton: Skeleton | str | Path, options: CaptureOptions) -> Conversion:
     """:func:`convert` that says what it did instead of warning of it."""
     if not isinstance(skeleton, Skeleton):
         skeleton = read(skeleton)
-    chosen = reading.joints or {}
+    chosen = options.joints or {}
     ends = {part: ends_of(skeleton, part, chosen.get(part)) for part in JOINTS}
-    first, last = _checked_frames(reading.frames, len(skeleton.frames))
+    first, last = _checked_frames(options.frames, len(skeleton.frames))
     raw = skeleton.points()[first:last]
     if len(raw) < 2:
         raise RecordingError("a motion needs two frames at least, this skeleton has one")
-    unit = reading.scale if isinstance(reading.scale, str) else ""
+    unit = options.scale if isinstance(options.scale, str) else ""
     unit = unit_of(skeleton, raw, ends) if unit == "auto" else unit
-    metres = UNITS[unit] if unit else float(reading.scale)
-    up = up_of(raw, ends) if reading.up == "auto" else reading.up
+    metres = UNITS[unit] if unit else float(options.scale)
+    up = up_of(raw, ends) if options.up == "auto" else options.up
     joints = len(skeleton.names)
     points = np.concatenate(
         [np.ascontiguousarray(some) @ (_UP[up] * metres).T for some in (raw[:, :joints], raw[:, joints:])], axis=1
     )
     dropped = 0
-    if reading.frames is None and (dropped := calibration_frames(skeleton, points, ends)):
+    if options.frames is None and (dropped := calibration_frames(skeleton, points, ends)):
         first, points = dropped, points[dropped:]
-    standing = _capsules(skeleton, points, ends, reading.body)
+    standing = _capsules(skeleton, points, ends, options.body)
     x, y = points[0, ends["right_arm"][0], :2] - points[0, ends["left_arm"][0], :2]
     if np.hypot(x, y) < 1e-9:
         raise ParameterError("the shoulders are above each other: is 'up' the right axis?")
     # the right shoulder comes to lie at +y of the left one
     recording = standing.turned(np.pi / 2.0 - np.arctan2(y, x))
-    recording = recording.moved(np.asarray(START if reading.start is None else reading.start) - recording.root[0])
-    if reading.start is None:
+    recording = recording.moved(np.asarray(START if options.start is None else options.start) - recording.root[0])
+    if options.start is None:
         recording = _beside_base(recording)
-    guessed = (reading.scale == "auto" and unit != _USUAL[0]) or (reading.up == "auto" and up != _USUAL[1])
+    guessed = (options.scale == "auto" and unit != _USUAL[0]) or (options.up == "auto" and up != _USUAL[1])
     return Conversion(
         recording,
         UNIT_NAMES[unit] if unit else f"units of {metres:g} m",
