@@ -61,6 +61,17 @@ def test_unit_and_axis_are_told_from_the_skeleton(unit, up):
     np.testing.assert_array_equal(same.end, made.recording.end)
 
 
+def test_a_person_has_one_unit():
+    """The tallest in one unit are smaller than the smallest in the next, whom one person's skeleton could be, too."""
+    sizes = sorted(UNITS.values())
+    assert min(np.divide(sizes[1:], sizes[:-1])) > 2.1
+    for stature in np.linspace(0.65, 1.34, 8):  # of 1.56 m to the head
+        motion = walk(frames=2)
+        for unit, metres in UNITS.items():
+            skeleton = bvh.parse(bvh_text(*motion, unit=metres / stature))
+            assert convert_told(skeleton, CaptureOptions()).unit == bvh.guess.UNIT_NAMES[unit]
+
+
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_joints_are_known_by_the_names_of_common_dialects(dialect):
     motion = walk(frames=8)

@@ -58,9 +58,9 @@ def unit_of(skeleton: Skeleton, points: Array, ends: Ends) -> str:
         RecordingError: There is none; the message says what would be.
     """
     length = bones_to_head(skeleton, points, ends)
-    fits = [unit for unit, metres in UNITS.items() if _TALL[0] <= length * metres <= _TALL[1]]
-    if len(fits) == 1:
-        return fits[0]
+    for unit, metres in UNITS.items():  # one fits at most
+        if _TALL[0] <= length * metres <= _TALL[1]:
+            return unit
     told = ", ".join(f"{length * metres:.3g} m in {UNIT_NAMES[unit]}" for unit, metres in UNITS.items())
     cure = f"; scale={1.5 / length:.3g} would make it 1.5 m" if length > 0.0 else ": all joints are in one place"
     raise RecordingError(
