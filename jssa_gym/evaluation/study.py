@@ -197,6 +197,8 @@ class Single(Evaluation):
 
     def config(self) -> dict[str, Any]:
         """All that decides about the results, as JSON can hold it: objects by name and digest."""
+        human = (self.env_kwargs or {}).get("human")
+        files = people_digests(map(str, human if isinstance(human, list | tuple) else (human,)))
         return {
             "env": identity("env", self.env),
             "policy": identity("policy", self.policy),
@@ -208,6 +210,7 @@ class Single(Evaluation):
             "steps": self.steps,
             "v_safe": self.v_safe,
             "separation": asdict(self.separation),
+            **({"people": files} if files else {}),
         }
 
     def make_env(self, cell: Setting) -> gym.Env:

@@ -29,8 +29,8 @@ _SPARSE, _HARDLY = 1.0, 0.05
 _GAP, _GAP_SHARE, _GAP_WAY = 0.25, 5.0, 0.02
 """A gap is longer than this [s], than so many usual steps, and somebody moves that far in it [m]."""
 
-_JUMP_SPEED, _JUMP_WAY = 15.0, 0.3
-"""Speed [m/s] and way [m] of a step that no hand makes; hands of good throwers reach 20 m/s, from a run up."""
+_JUMPS = ((15.0, 0.3), (6.0, 1.5))
+"""Speeds [m/s] and ways [m] of a step that nobody makes who works; hands of good throwers reach 20 m/s."""
 
 _UPRIGHT = {
     "x": "y, z and x",
@@ -149,7 +149,7 @@ def _time(recording: "Recording", source: Source) -> Iterator[Oddity]:
     step = np.diff(recording.time)
     speed = float(np.percentile(steps_of(recording).max(axis=(1, 2)) / step, 90.0))
     if len(step) >= 4 and np.median(step) >= _SPARSE and 0.0 < speed < _HARDLY:
-        cure = "seconds are meant: convert milliseconds"
+        cure = "seconds are meant: convert milliseconds or microseconds"
         if source.rows is not None:
             cure += ", or say the unit in the header, as in 'time [ms]'"
         yield Oddity(
@@ -219,7 +219,7 @@ def _gaps(recording: "Recording", source: Source) -> Iterator[Oddity]:
 def _jumps(recording: "Recording", source: Source) -> Iterator[Oddity]:
     step, way = np.diff(recording.time), steps_of(recording)
     speed = way / step[:, None, None]
-    jumps = (speed > _JUMP_SPEED) & (way > _JUMP_WAY)
+    jumps = np.any([(speed > fast) & (way > far) for fast, far in _JUMPS], axis=0)
     if np.any(jumps):
         k, i, end = (int(one) for one in np.argwhere(jumps)[0])
         ends = (recording.start, recording.end)[end]

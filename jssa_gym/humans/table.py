@@ -23,7 +23,7 @@ _ENDS = tuple(f"{end}.{axis}" for end in ("start", "end") for axis in "xyz")
 _FIELDS = (*_ENDS, "radius")
 
 _INDEX = ("", "index", "#", "frame", "sample", "row", "unnamed: 0")
-"""Names, without case, of a column that numbers the rows."""
+"""Names, without case, of columns that number the rows or are empty."""
 
 _COMMENTS = ("#", "%", "//")
 
@@ -110,8 +110,7 @@ def _lines(text: str) -> tuple[list[str], list[tuple[int, list[str]]], bool]:
 
 def _columns(header: Sequence[str]) -> tuple[list[str], list[float], tuple[str, ...], list[int]]:
     """Columns without their units; what a unit is in metres or seconds; names of the capsules; which columns count."""
-    index = [k for k, column in enumerate(header) if column.casefold() in _INDEX][:1]
-    keep = [k for k in range(len(header)) if k not in index]
+    keep = [k for k, column in enumerate(header) if column.casefold() not in _INDEX]
     columns, factors = [], []
     for k in keep:
         column, factor = _without_unit(header[k])

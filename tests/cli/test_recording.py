@@ -12,7 +12,7 @@ from gait import bvh_text, joints_of, walk
 import jssa_gym
 from jssa_gym.evaluation.campaign import Campaign, Grid
 from jssa_gym.evaluation.contenders import within_assumptions
-from jssa_gym.evaluation.study import Study
+from jssa_gym.evaluation.study import Single, Study
 from jssa_gym.exceptions import ParameterError, RecordingError
 from jssa_gym.humans import Body, Crowd, Recorded, Recording, make_human
 from jssa_gym.humans.body import NAMES
@@ -232,12 +232,14 @@ def test_evaluations_and_campaigns_take_files(tmp_path):
     campaign = Campaign((grid,), steps=3)
     assert isinstance(campaign.make_env(next(iter(grid.cells()))).unwrapped.human, Recorded)
     # another file of that name is another evaluation
-    before = study.config(), campaign.config()
+    single = Single("jssa_gym/Home-v0", "hold", {"human": [tmp_path / "still.npz", "walk_by"]})
+    before = study.config(), campaign.config(), single.config()
     assert json.loads(json.dumps(before[0]["people"])) == {path: before[0]["people"][path]}
     write(tmp_path / "walk.bvh")
     Recorded(tmp_path / "walk.bvh").recording.save(path)
     assert study.config() != before[0]
     assert campaign.config() != before[1]
+    assert single.config() != before[2]
     assert "people" not in Study(("home",), ("none",), ("walk_by",), ("hold",)).config()
     with pytest.raises(RecordingError, match="no recording at"):
         Study(("home",), ("none",), (path + ".npz",), ("hold",))

@@ -76,6 +76,7 @@ READ = {
     "unnamed index": text_of(with_index(ROWS, "")),
     "index of pandas": text_of(with_index(ROWS, "Unnamed: 0")),
     "frame": text_of(with_index(ROWS, "Frame"), ";"),
+    "index and trailing delimiters": text_of([[*row, ""] for row in with_index(ROWS, "")], ";"),
     "spaces": text_of([[f" {cell} " for cell in row] for row in ROWS]),
     "quotes": text_of([[f'"{cell}"' for cell in row] for row in ROWS]),
     "Windows": text_of(ROWS).replace("\n", "\r\n"),
@@ -204,11 +205,15 @@ IMPOSSIBLE = {
     ),
     "milliseconds": (
         scaled(ROWS, 1000.0, 1.0),
-        r"row 3, column time: a sample comes every 40 s, .*convert milliseconds",
+        r"row 3, column time: a sample comes every 40 s, .*convert milliseconds or microseconds",
     ),
     "a jump": (
         cells_of(moved(9, "left_arm", [0.0, 5.0, 0.0], 10)),
         r"row 11, column left_arm\.start\.y: jumps by 5.0\d m .*more steps",
+    ),
+    "a slow jump": (
+        cells_of(dataclasses.replace(moved(9, "left_arm", [0.0, 5.0, 0.0], 10), time=0.6 * np.arange(21))),
+        r"row 11, column left_arm\.start\.y: jumps by 5.0\d m within 0.6 s, 8.3",
     ),
     **{
         f"{axis} up": (

@@ -30,8 +30,8 @@ _ALONG = 0.75
 _STILL = 1.0
 """Angle up to which a joint is not turned against its parent [deg]."""
 
-_CALIBRATION_SPEED = 10.0
-"""Speed at which no joint leaves a pose in which somebody really stood [m/s]."""
+_CALIBRATION_SPEED = 5.0
+"""Speed at which no joint leaves, from one frame to the next, a pose in which somebody stood [m/s]."""
 
 _STRAIGHT, _LEVEL, _UPRIGHT = 0.985, 0.17, 0.95
 """Of a T: length of a limb over that of its bones; sine of an arm's slope; cosine of a leg's, and between the arms."""
@@ -96,7 +96,7 @@ def calibration_frames(skeleton: Skeleton, points: Array, ends: Ends) -> int:
 
     These are frames in which no joint but the root is turned against its parent, or in which arms and legs are
     straight, the arms level and opposite, a T; from the last of them to the next frame a joint of the body would have
-    to move at more than 10 m/s.
+    to move at more than 5 m/s.
 
     Args:
         skeleton: What was read.
