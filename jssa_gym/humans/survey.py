@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from jssa_gym.text import counted
 from jssa_gym.types import Array
 
 if TYPE_CHECKING:
@@ -225,7 +226,7 @@ def _jumps(recording: "Recording", source: Source) -> Iterator[Oddity]:
         ends = (recording.start, recording.end)[end]
         axis = int(np.abs(ends[k + 1, i] - ends[k, i]).argmax())
         steps = int(jumps.any(axis=(1, 2)).sum())
-        more = f"; so do parts in {steps - 1} more steps" if steps > 1 else ""
+        more = f"; so do parts in {counted(steps - 1, 'more step')}" if steps > 1 else ""
         where = source.value(k + 1, f"{recording.names[i]}.{('start', 'end')[end]}.{'xyz'[axis]}")
         yield Oddity(
             "jump",

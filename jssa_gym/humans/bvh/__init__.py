@@ -10,7 +10,8 @@ Most limbs are bent: as one straight capsule from shoulder to hand, or from hip 
 they leave it at the elbow or the knee. ``convert(..., body="jointed")`` gives every bone its own.
 """
 
-from jssa_gym.humans.bvh.convert import BODIES, CaptureOptions, Conversion, convert, convert_told
+from jssa_gym.humans.bvh.bodies import BODIES
+from jssa_gym.humans.bvh.convert import CaptureOptions, Conversion, convert, convert_told
 from jssa_gym.humans.bvh.guess import UNITS
 from jssa_gym.humans.bvh.names import JOINTS
 from jssa_gym.humans.bvh.reader import parse, read
