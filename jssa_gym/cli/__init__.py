@@ -14,6 +14,7 @@ from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.compare import Compare
 from jssa_gym.cli.demo import Demo
 from jssa_gym.cli.evaluate import Evaluate
+from jssa_gym.cli.recording import RecordingCommand
 from jssa_gym.cli.replay import Replay
 from jssa_gym.cli.reproduce import Reproduce
 from jssa_gym.cli.robot import RobotCommand
@@ -30,6 +31,7 @@ Command = Annotated[
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Compare, tyro.conf.subcommand("compare")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[RecordingCommand, tyro.conf.subcommand("recording")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[RobotCommand, tyro.conf.subcommand("robot")],

@@ -22,7 +22,7 @@ FILTER = _says(
     f"a whole shield; {TASK_SHIELD} for that of the task's shielded id",
     FILTERS,
 )
-HUMAN = _says("People by name", PEOPLE)
+HUMAN = _says("People by name, or a file .npz, .csv or .bvh", PEOPLE)
 POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", (*POLICIES, *shipped_policies()))
 """Of what is evaluated."""
 

@@ -49,6 +49,8 @@ class Replay:
     policy: str | None = None
     """For --again: its policy, if that is a file or code, package.module:factory; nothing that a recording names is
     read or run unless it is repeated here."""
+    human: str | None = None
+    """For --again: its people, if they are a file."""
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     robot: str | None = None
@@ -63,7 +65,7 @@ class Replay:
         trace, meta = load_trace(self.episode), read_meta(self.episode)
         robot = self._robot(trace)
         if self.again:
-            recorded_setting(meta, self.policy)  # before anything is shown, or takes time
+            recorded_setting(meta, self.policy, self.human)  # before anything is shown, or takes time
         console = Terminal()
         console.say(f"{trace.name}: {counted(len(trace.time), 'step')} of {trace.dt:g} s, {trace.ended}")
         console.say(f"recorded from {json.dumps(meta)}")
@@ -74,9 +76,10 @@ class Replay:
             _tell(verdict, console)
         if self.again:
             find_policies_here([self.policy or ""])
-            same = _same(
-                trace, played_again(meta, policy=self.policy, robot=self.robot, trust_pickle=self.trust_pickle)
+            again = played_again(
+                meta, policy=self.policy, robot=self.robot, human=self.human, trust_pickle=self.trust_pickle
             )
+            same = _same(trace, again)
             agrees = agrees and same
             console.say(
                 f"played again: {'the same bit for bit' if same else 'DIFFERENT'} (SHA-256 {digest_of(trace)[:16]})"

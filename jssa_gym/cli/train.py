@@ -53,7 +53,7 @@ class Train:
     """Folder for everything; a training that is there already is continued."""
     robot: Annotated[str, ROBOT] = DEFAULT
     human: str | None = None
-    """People by name; None: as tuned, else the task's own."""
+    """People by name, or a file .npz, .csv or .bvh; None: as tuned, else the task's own."""
     shield: bool = True
     """Whether the learner acts through the shield of the task's shielded id."""
     control: Control | None = None

@@ -17,7 +17,7 @@ from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Progress, Task, make_task
 from jssa_gym.envs.world import SCENES, World, planes_of
 from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.headless import has_display
-from jssa_gym.humans import HumanMotion, make_human, nobody
+from jssa_gym.humans import Given, make_human, nobody
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
 from jssa_gym.robots import RobotModel, make_robot
@@ -136,7 +136,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     Args:
         task: ``"home"``, ``"reach"``, ``"track"``, ``"handover"`` or a :class:`~jssa_gym.envs.tasks.Task`.
-        human: A name in :data:`jssa_gym.humans.HUMANS`, a motion, or several of them; None for the task's default.
+        human: A name in :data:`jssa_gym.humans.HUMANS`, a file of a recording or of motion capture (``.npz``, ``.csv``,
+            ``.bvh``), a motion, or several of them; None for the task's default.
         dynamics: ``"kinematic"`` or ``"servo"``.
         scene: ``"table"`` (the base stands at 0.87 m, the arm must stay above) or ``"floor"``.
         robot: A name, a model, an MJCF file with its limits beside it, or a folder of ``jssa-gym robot check --write``;
@@ -161,7 +162,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self,
         task: str | Task = "home",
         *,
-        human: str | HumanMotion | Sequence[str | HumanMotion] | None = None,
+        human: Given | Sequence[Given] | None = None,
         dynamics: Literal["kinematic", "servo"] = "kinematic",
         scene: Literal["table", "floor"] = "table",
         robot: str | Path | RobotModel = "lr_mate_200id_7l",

@@ -24,7 +24,7 @@ from jssa_gym.evaluation.contenders import (
 )
 from jssa_gym.evaluation.identity import robot_identity, without_default
 from jssa_gym.evaluation.judgement import Excess, Judgement
-from jssa_gym.evaluation.people import MULTIPLES, PEOPLE
+from jssa_gym.evaluation.people import MULTIPLES, PEOPLE, known_person, make_person, people_digests
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
 from jssa_gym.evaluation.policy import make_policy
 from jssa_gym.evaluation.rows import Cell, Row, StressRow, digest_of, states_of
@@ -60,7 +60,10 @@ class Grid:
             if not chosen:
                 raise ParameterError(f"no {name} to try; valid: {', '.join(valid)}")
             for one in chosen:
-                known_name({"policies": "policy"}.get(name, name.removesuffix("s")), one, valid)
+                if name == "humans":
+                    known_person(one)  # or a file
+                else:
+                    known_name({"policies": "policy"}.get(name, name.removesuffix("s")), one, valid)
         object.__setattr__(self, "episodes", episodes_of_a_cell(self.episodes))
 
     def cells(self) -> Iterator[Cell]:
@@ -107,10 +110,11 @@ class Campaign(EpisodePlan[StressRow]):
         return paired_seeds(((cell, grid.episodes) for grid in self.grids for cell in grid.cells()), self.seed)
 
     def config(self) -> dict[str, Any]:
-        return without_default(asdict(self))
+        files = people_digests(human for grid in self.grids for human in grid.humans)
+        return {**without_default(asdict(self)), **({"people": files} if files else {})}
 
     def make_env(self, cell: Cell) -> gym.Env:
-        env = ArmEnv(self.task, human=PEOPLE[cell.human](), robot=self.robot, terminate_on=())
+        env = ArmEnv(self.task, human=make_person(cell.human), robot=self.robot, terminate_on=())
         return shielded(env, cell.filter, cell.fault)
 
     def make_policy(self, cell: Cell, env: gym.Env, seed: int) -> Policy:

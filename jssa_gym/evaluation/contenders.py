@@ -11,7 +11,7 @@ import numpy as np
 
 from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
 from jssa_gym.envs.sensor import MissedTicks, SensorModel
-from jssa_gym.evaluation.people import TOO_FAST
+from jssa_gym.evaluation.people import too_fast
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
@@ -258,7 +258,7 @@ JOINTS = tuple(name for name, faults in SENSOR_FAULTS.items() if faults.seen and
 
 def within_assumptions(human: str, fault: str) -> bool:
     """Whether a shield that promises something has to keep its promise with these people under this fault."""
-    return human not in TOO_FAST and fault in (*REPORTED, *JOINTS, f"unmodelled {LATENCIES[0]} ms")
+    return not too_fast(human) and fault in (*REPORTED, *JOINTS, f"unmodelled {LATENCIES[0]} ms")
 
 
 def spoiled(env: gym.Env, fault: str) -> gym.Env:

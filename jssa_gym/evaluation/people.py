@@ -1,8 +1,11 @@
 """People by name: the package's own, several at once, those of before, and some that are faster than assumed."""
 
-from collections.abc import Callable
-from functools import partial
+import hashlib
+from collections.abc import Callable, Iterable
+from functools import cache, partial
+from pathlib import Path
 
+from jssa_gym.exceptions import RecordingError
 from jssa_gym.humans import (
     HUMANS,
     ApproachRetreat,
@@ -14,7 +17,11 @@ from jssa_gym.humans import (
     WalkBy,
     make_human,
 )
+from jssa_gym.humans.files import is_file, load
 from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.safety.speeds import part_speeds
+from jssa_gym.storage import read_whole
+from jssa_gym.validation import known_name
 
 MULTIPLES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
 """Speeds of people, as multiples of what a shield assumes."""
@@ -59,3 +66,38 @@ since what is asked of them is their speed.
 
 TOO_FAST = tuple(f"{who} x{m:g}" for who in ("pursuit", "hand") for m in MULTIPLES if m > 1.0)
 """People who break the assumption on their speed."""
+
+
+def make_person(human: str) -> HumanMotion:
+    """People by name in :data:`PEOPLE`, or from a file as :func:`~jssa_gym.humans.make_human` reads it.
+
+    Raises:
+        ParameterError: Unknown name.
+        RecordingError: The file is not a sound recording.
+    """
+    return make_human(human) if is_file(human) else PEOPLE[known_person(human)]()
+
+
+def known_person(human: str) -> str:
+    """A name in :data:`PEOPLE`, or a file that can be read; errors as of :func:`make_person`."""
+    if is_file(human):
+        load(human)
+        return human
+    return known_name("human", human, PEOPLE)
+
+
+def people_digests(humans: Iterable[str]) -> dict[str, str]:
+    """Digests of the files among some people, by name."""
+    return {
+        human: hashlib.sha256(read_whole(Path(human), RecordingError)).hexdigest()[:16]
+        for human in humans
+        if is_file(human)
+    }
+
+
+@cache  # of files, which are asked about for every episode
+def too_fast(human: str) -> bool:
+    """Whether some part of somebody moves faster than a shield assumes by default."""
+    if is_file(human):
+        return any(part.excess > 0.0 for part in part_speeds(load(human).recording, _ASSUMED))
+    return human in TOO_FAST

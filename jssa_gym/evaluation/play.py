@@ -12,13 +12,14 @@ from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.ledger import Chunk
-from jssa_gym.evaluation.people import PEOPLE
+from jssa_gym.evaluation.people import PEOPLE, known_person
 from jssa_gym.evaluation.plan import AnyRow, EpisodePlan
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.rows import Setting, digest_of, trace_name
 from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.humans.files import is_file
 from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.robots import DEFAULT, ROBOTS
 from jssa_gym.types import Trace
@@ -108,12 +109,12 @@ def _warnings_unsaid(unsaid: bool) -> Generator[None]:
         logger.removeFilter(news)
 
 
-def recorded_setting(meta: Mapping[str, Any], policy: str | None = None) -> Setting:
+def recorded_setting(meta: Mapping[str, Any], policy: str | None = None, human: str | None = None) -> Setting:
     """What kind of episode a recording is of, where nothing has to be read or run that only the recording names.
 
     Args:
         meta: Of the recording.
-        policy: See :func:`played_again`.
+        policy, human: See :func:`played_again`.
 
     Raises:
         ParameterError: It does not say, or names a policy or people that are not the package's.
@@ -124,7 +125,15 @@ def recorded_setting(meta: Mapping[str, Any], policy: str | None = None) -> Sett
         setting = Setting(*(str(meta[name]) for name in Setting._fields))
     except KeyError as error:
         raise ParameterError(f"the recording does not say how it came about: {error} is missing") from error
-    known_name("human", setting.human, PEOPLE)  # no file
+    if human is not None:
+        setting = setting._replace(human=known_person(human))
+    elif is_file(setting.human):
+        raise ParameterError(
+            f"the recording asks for the people {setting.human!r}, a file that only it names; if it is there, repeat "
+            f"it: --human {shlex.quote(setting.human)}"
+        )
+    else:
+        known_name("human", setting.human, PEOPLE)
     if policy is not None:
         return setting._replace(policy=policy)
     if setting.policy not in (*POLICIES, *shipped_policies()):
@@ -136,24 +145,30 @@ def recorded_setting(meta: Mapping[str, Any], policy: str | None = None) -> Sett
 
 
 def played_again(
-    meta: Mapping[str, Any], *, policy: str | None = None, robot: str | None = None, trust_pickle: bool = False
+    meta: Mapping[str, Any],
+    *,
+    policy: str | None = None,
+    robot: str | None = None,
+    human: str | None = None,
+    trust_pickle: bool = False,
 ) -> Trace:
     """Play a recorded episode anew from what its recording says of itself.
 
-    Nothing that only the recording names is read or run: a policy that is a file or ``"module:factory"`` has to be
-    given by whoever plays it.
+    Nothing that only the recording names is read or run: a policy that is a file or ``"module:factory"``, and people
+    that are a file, have to be given by whoever plays it.
 
     Args:
         meta: Of the recording.
         policy: Instead of the one that it names, as :func:`~jssa_gym.evaluation.policy.make_policy` takes it.
         robot: Its robot, if that is not the package's own.
         trust_pickle: If its policy is a file, see :func:`~jssa_gym.policies.load_policy`.
+        human: Instead of the people that it names.
 
     Raises:
         ParameterError: It does not say enough: only episodes made of names can be made again. Or it names a policy
             that is not the package's, which has to be repeated.
     """
-    setting = recorded_setting(meta, policy)
+    setting = recorded_setting(meta, policy, human)
     try:
         seed, steps = int(meta["seed"]), int(meta["steps"])
     except (KeyError, TypeError, ValueError) as error:

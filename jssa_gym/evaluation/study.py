@@ -14,7 +14,7 @@ from jssa_gym.evaluation.blocked import fault_of
 from jssa_gym.evaluation.geometry import geometry
 from jssa_gym.evaluation.identity import code_digest, identity, named, robot_identity, without_default
 from jssa_gym.evaluation.metrics import SeparationParams, summarise
-from jssa_gym.evaluation.people import PEOPLE
+from jssa_gym.evaluation.people import known_person, make_person, people_digests
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
 from jssa_gym.evaluation.policy import check_unchanged, make_policy, policy_code, policy_factory
 from jssa_gym.evaluation.rollout import shield_of
@@ -116,7 +116,7 @@ class Study(Evaluation):
         for task in self.tasks:
             known_name("task", task, TASKS)
         for human in self.humans:
-            known_name("human", human, PEOPLE)
+            known_person(human)
         for name in self.filters:
             read_name(name)
         for policy in self.policies:
@@ -130,13 +130,16 @@ class Study(Evaluation):
         return paired_seeds(((Setting(t, f, h, p), self.episodes) for t, h, p, f in names), self.seed)
 
     def config(self) -> dict[str, Any]:
-        return {**without_default(asdict(self)), "code": dict(_codes(self.policies))}
+        files = people_digests(self.humans)
+        people = {"people": files} if files else {}
+        return {**without_default(asdict(self)), "code": dict(_codes(self.policies)), **people}
 
     def origin(self, cell: Setting, seed: int, digest: str) -> dict[str, Any]:
         return without_default({**Evaluation.origin(self, cell, seed, digest), "robot": self.robot})
 
     def make_env(self, cell: Setting) -> gym.Env:
-        return put_filter(ArmEnv(cell.task, human=PEOPLE[cell.human](), robot=self.robot, terminate_on=()), cell.filter)
+        env = ArmEnv(cell.task, human=make_person(cell.human), robot=self.robot, terminate_on=())
+        return put_filter(env, cell.filter)
 
     def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
         policy = make_policy(cell.policy, env.unwrapped, seed, seen=env, trust_pickle=self.trust_pickle)
@@ -202,6 +205,8 @@ class Single(Evaluation):
 
     def config(self) -> dict[str, Any]:
         """All that decides about the results, as JSON can hold it: objects by name and digest."""
+        human = (self.env_kwargs or {}).get("human")
+        files = people_digests(map(str, human if isinstance(human, list | tuple) else (human,)))
         return {
             "env": identity("env", self.env),
             "policy": identity("policy", self.policy),
@@ -213,6 +218,7 @@ class Single(Evaluation):
             "steps": self.steps,
             "v_safe": self.v_safe,
             "separation": asdict(self.separation),
+            **({"people": files} if files else {}),
         }
 
     def make_env(self, cell: Setting) -> gym.Env:

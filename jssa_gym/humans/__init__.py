@@ -1,9 +1,13 @@
 """People beside the arm: bodies of capsules, and how they move."""
 
 import copy
+import os
+import warnings
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from jssa_gym.humans.body import Body, nobody, together
+from jssa_gym.humans.files import is_file, load
 from jssa_gym.humans.hand import Hand
 from jssa_gym.humans.motion import CLEARANCE, Crowd, HumanMotion, Nobody, Walk
 from jssa_gym.humans.pursuit import Pursuit
@@ -35,6 +39,7 @@ __all__ = [
     "Body",
     "ConstantVelocity",
     "Crowd",
+    "Given",
     "Hand",
     "HumanMotion",
     "Nobody",
@@ -52,16 +57,28 @@ __all__ = [
 ]
 
 
-def make_human(human: str | HumanMotion | Sequence[str | HumanMotion]) -> HumanMotion:
-    """A motion from its name in :data:`HUMANS`; a sequence of names or motions makes a crowd.
+Given = str | os.PathLike[str] | HumanMotion
+"""Somebody: a name in :data:`HUMANS`, a file, or a motion."""
 
-    A motion that is passed in is copied: it has a state, which no two environments must share.
+
+def make_human(human: Given | Sequence[Given]) -> HumanMotion:
+    """A motion from its name in :data:`HUMANS`, or from a file; a sequence of any of these makes a crowd.
+
+    A file, ``.npz``, ``.csv`` or ``.bvh``, is played as :class:`Recorded` does unless told otherwise. What is in it
+    that is not as in people, and what had to be guessed of it, is a warning. A motion that is passed in is copied: it
+    has a state, which no two environments must share.
 
     Raises:
         ParameterError: Unknown name.
+        RecordingError: The file is not a sound recording.
     """
     if isinstance(human, HumanMotion):
         return copy.deepcopy(human)
+    if isinstance(human, str | os.PathLike) and is_file(human):
+        person = load(human)
+        for told in person.surprises():
+            warnings.warn(f"{Path(human).name}: {told}", stacklevel=2)
+        return Recorded(person.recording)
     if isinstance(human, str) or not isinstance(human, Sequence):
         return HUMANS[known_name("human", human, HUMANS)]()
     return Crowd([make_human(one) for one in human])

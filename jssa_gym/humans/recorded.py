@@ -1,6 +1,7 @@
 """People who move as somebody was recorded to."""
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -8,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans.files import load
 from jssa_gym.humans.motion import CLEARANCE, HumanMotion
-from jssa_gym.humans.recording import Recording
+from jssa_gym.humans.recording import Recording, nearest_root
 from jssa_gym.types import Array, CapsuleSet
-from jssa_gym.validation import known_name, low_high, number_within
+from jssa_gym.validation import known_name, low_high, number_within, positive_number
 
 REACH_AND_RETREAT = Path(__file__).parent / "recordings" / "reach_and_retreat.npz"
 """The recording that comes with the package; ``examples/make_recording.py`` synthesises it."""
@@ -47,12 +49,14 @@ class Recorded(HumanMotion):
     step everything stands still.
 
     Args:
-        recording: What to play: a :class:`Recording`, or a file of one; None for the one that comes with the package.
+        recording: What to play: a :class:`Recording`, or a file of one, or of motion capture (``.bvh``); None for the
+            one that comes with the package.
         turn: Range of the angle about the base axis, counter-clockwise from above [rad].
         offset: Ranges ((low, high), (low, high)) of the way along x and y, after the turn [m].
         afterwards: ``"hold"`` the last sample, play it in a ``"loop"``, which needs a recording that ends as it begins,
             or ``"back_and_forth"``.
         clearance: No placement brings the root, the first capsule's start, nearer to the base axis [m].
+        pace: How fast it is played; 0.5 takes twice the time, at half the speed.
 
     Raises:
         RecordingError: The file is not a sound recording.
@@ -69,15 +73,21 @@ class Recorded(HumanMotion):
         offset: Sequence[Sequence[float]] = ((0.0, 0.1), (-0.1, 0.1)),
         afterwards: str = "hold",
         clearance: float = CLEARANCE,
+        pace: float = 1.0,
     ) -> None:
         if not isinstance(recording, Recording):
-            recording = Recording.load(REACH_AND_RETREAT if recording is None else recording)
+            person = load(REACH_AND_RETREAT if recording is None else recording)
+            if person.conversion is not None and person.conversion.unusual:
+                warnings.warn(person.conversion.said, stacklevel=2)
+            recording = person.recording
         self.recording, self.afterwards = recording, known_name("afterwards", afterwards, _AFTERWARDS)
         self.turn = low_high("turn", turn, -np.inf)
         if not isinstance(offset, Sequence | np.ndarray) or len(offset) != 2:
             raise ParameterError(f"offset has to be ((low, high), (low, high)), got {offset!r}")
         self.offset = low_high("offset", offset[0], -np.inf), low_high("offset", offset[1], -np.inf)
         self.clearance = number_within("clearance", clearance, 0.0)
+        if (pace := positive_number("pace", pace)) != 1.0:
+            self.recording = recording = replace(recording, time=recording.time / pace)
         if afterwards == "loop":
             self.recording = _closed(recording)
         self.speed_bound = self.recording.speed
@@ -117,7 +127,7 @@ class Recorded(HumanMotion):
         for _ in range(100):
             placed = self.recording.turned(rng.uniform(*self.turn))
             placed = placed.moved(np.array([rng.uniform(*along) for along in self.offset]))
-            if _nearest(placed.root) >= self.clearance:
+            if float(np.hypot(*nearest_root(placed.root))) >= self.clearance:
                 return placed
         raise ParameterError(f"no placement of the recording keeps {self.clearance} m from the base axis")
 
@@ -128,7 +138,7 @@ class Recorded(HumanMotion):
         bearing = math.atan2(start[1], start[0])
         placed = self.recording.turned(bearing - math.atan2(root[1], root[0]))
         placed = placed.moved(start - placed.root[0])
-        nearest = _nearest(placed.root)
+        nearest = float(np.hypot(*nearest_root(placed.root)))
         if nearest < self.clearance:
             raise ParameterError(
                 f"from start {start.tolist()} the recording leads to {nearest:.2f} m from the base axis; "
@@ -146,11 +156,3 @@ def _closed(recording: Recording) -> Recording:
         )
     start, end = (np.concatenate([ends[:-1], ends[:1]]) for ends in (recording.start, recording.end))
     return replace(recording, start=start, end=end)
-
-
-def _nearest(path: Array) -> float:
-    """Smallest distance of straight ways between points (T, 2) from the origin [m]."""
-    begin, way = path[:-1], np.diff(path, axis=0)
-    length = np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
-    share = np.clip(-np.einsum("ij,ij->i", begin, way) / length, 0.0, 1.0)
-    return float(np.hypot(*(begin + share[:, None] * way).T).min())

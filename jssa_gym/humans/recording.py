@@ -2,12 +2,10 @@
 
 ``.npz``, no pickles: ``time`` (T,) [s], ``start`` and ``end`` (T, m, 3) [m], ``radius`` (m,) [m] and ``names`` (m,),
 strings. ``.csv``: a header, then a row a sample; the columns, in any order, are ``time`` and for every capsule
-``<name>.start.x``, ``.y``, ``.z``, ``<name>.end.x``, ``.y``, ``.z`` and ``<name>.radius``, the same in every row. The z
-axis points up from the floor; it is the robot's base axis.
+``<name>.start.x``, ``.y``, ``.z``, ``<name>.end.x``, ``.y``, ``.z`` and ``<name>.radius``, the same in every row; see
+:mod:`jssa_gym.humans.table`. The z axis points up from the floor; it is the robot's base axis.
 """
 
-import csv
-import io
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from jssa_gym.exceptions import RecordingError
-from jssa_gym.storage import open_archive, open_whole, read_array, read_text, refused, whole_file, write_archive
+from jssa_gym.humans.survey import REFUSED, Source, survey
+from jssa_gym.humans.table import read_table
+from jssa_gym.storage import open_archive, open_whole, read_array, refused, whole_file, write_archive
 from jssa_gym.types import Array
 
 _FIELDS = ("time", "start", "end", "radius", "names")
 _LARGEST = 2**30
 """Size from which nothing is read, on disk and unpacked [bytes]."""
-
-_ENDS = tuple(f"{end}.{axis}" for end in ("start", "end") for axis in "xyz")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,18 +106,10 @@ class Recording:
         """Read an ``.npz`` or ``.csv`` file.
 
         Raises:
-            RecordingError: There is no such file, or it is not a sound recording.
+            RecordingError: There is no such file, or it is not a sound recording. A table is looked at more closely,
+                since others wrote it: somebody who is too large, lies or jumps is refused too, by row and column.
         """
-        path = _path(path)
-        readers = {".npz": _read_npz, ".csv": _read_csv}
-        if path.suffix not in readers:
-            raise RecordingError(f"a recording is an .npz or .csv file, got {str(path)!r}")
-        if not path.is_file():
-            raise RecordingError(f"no recording at {path}")
-        try:
-            return cls(**readers[path.suffix](path))
-        except RecordingError as error:
-            raise RecordingError(f"{path.name}: {error}") from error.__cause__
+        return load_placed(path)[0]
 
     def save(self, path: str | Path) -> None:
         """Write an ``.npz`` file, to a temporary name first.
@@ -136,6 +126,36 @@ class Recording:
         values = {name: getattr(self, name) for name in _FIELDS[:-1]}
         with whole_file(path) as file:
             write_archive(file, {"names": np.array(self.names), **values}, compressed=True)
+
+
+def nearest_root(path: Array) -> Array:
+    """The point of straight ways between points (T, 2) that is nearest to the base axis, shape (2,) [m]."""
+    begin, way = path[:-1], np.diff(path, axis=0)
+    length = np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
+    share = np.clip(-np.einsum("ij,ij->i", begin, way) / length, 0.0, 1.0)
+    points = begin + share[:, None] * way
+    return points[int(np.hypot(*points.T).argmin())]
+
+
+def load_placed(path: str | Path) -> tuple[Recording, Source]:
+    """:meth:`Recording.load`, and where the samples stand in the file."""
+    path = _path(path)
+    kind = path.suffix.casefold()
+    if kind not in (".npz", ".csv"):
+        raise RecordingError(f"a recording is an .npz or .csv file, got {str(path)!r}")
+    if not path.is_file():
+        raise RecordingError(f"no recording at {path}")
+    try:
+        if kind == ".npz":
+            return Recording(**_read_npz(path)), Source()
+        table = read_table(path, _LARGEST)
+        recording, source = Recording(**table.values), Source(table.rows)
+        for finding in survey(recording, source):
+            if finding.kind in REFUSED:
+                raise RecordingError(str(finding))
+        return recording, source
+    except RecordingError as error:
+        raise RecordingError(f"{path.name}: {error}") from error.__cause__
 
 
 def _path(path: Any) -> Path:
@@ -170,42 +190,3 @@ def _read_npz(path: Path) -> dict[str, Any]:
     if names.dtype.kind != "U" or names.ndim != 1:
         raise RecordingError(f"names has to be a list of strings, got {names.dtype} of shape {names.shape}")
     return {**values, "names": tuple(names.tolist())}
-
-
-def _read_csv(path: Path) -> dict[str, Any]:
-    text = read_text(path, RecordingError, _LARGEST)
-    try:
-        header, *lines = [line for line in csv.reader(io.StringIO(text, newline="")) if line] or [[]]
-    except csv.Error as error:
-        raise RecordingError(f"cannot be read: {error}") from error
-    header = [column.strip() for column in header]
-    fields = (*_ENDS, "radius")
-    known = ((column, field) for column in header for field in fields if column.endswith(f".{field}"))
-    names = tuple(dict.fromkeys(column.removesuffix(f".{field}") for column, field in known))
-    wanted = ["time", *(f"{name}.{field}" for name in names for field in fields)]
-    if sorted(header) != sorted(wanted) or not names:
-        missing, unknown = (sorted(set(a) - set(b))[:4] for a, b in ((wanted, header), (header, wanted)))
-        raise RecordingError(
-            "columns have to be time and <name>.start.x ... <name>.radius, each once; "
-            f"missing: {missing or 'none'}, unknown: {unknown or 'none'}"
-        )
-    for number, line in enumerate(lines, 2):
-        if len(line) != len(header):
-            raise RecordingError(f"row {number} has {len(line)} values for {len(header)} columns")
-    try:
-        table = np.array(lines, dtype=np.float64).reshape(len(lines), len(header))
-    except ValueError as error:
-        raise RecordingError(f"holds something that is no number: {error}") from error
-    column = {name: table[:, i] for i, name in enumerate(header)}
-    ends = np.stack([column[f"{name}.{field}"] for name in names for field in _ENDS], axis=1)
-    ends = ends.reshape(len(lines), len(names), 2, 3)
-    radius = np.stack([column[f"{name}.radius"] for name in names], axis=1)
-    if not np.all(radius == radius[:1]):
-        raise RecordingError("a radius has to be the same in every row")
-    return {
-        "time": column["time"],
-        "start": ends[:, :, 0],
-        "end": ends[:, :, 1],
-        "radius": radius[0] if len(lines) else np.ones(len(names)),
-        "names": names,
-    }

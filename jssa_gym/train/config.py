@@ -9,6 +9,7 @@ from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.identity import robot_identity
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS
+from jssa_gym.humans.files import is_file, load
 from jssa_gym.robots import DEFAULT, ROBOTS
 from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, OffPolicy, Settings
 from jssa_gym.train.wrappers import LEAST_SHARE
@@ -39,7 +40,7 @@ class TrainConfig:
     settings: Settings = field(default_factory=PPO)
     """Algorithm and hyper-parameters."""
     human: str | None = None
-    """People by name; None for the task's own."""
+    """People by name, or a file of a person; None for the task's own."""
     shield: bool = True
     """Whether the learner acts through the shield of the task's shielded id."""
     control: Control = "velocity"
@@ -74,7 +75,10 @@ class TrainConfig:
     def __post_init__(self) -> None:
         known_name("task", self.task, TASKS)
         if self.human is not None:
-            known_name("human", self.human, HUMANS)
+            if is_file(self.human):
+                load(self.human)
+            else:
+                known_name("human", self.human, HUMANS)
         known_name("control", self.control, get_args(Control))
         if not isinstance(self.robot, str):
             raise ParameterError(f"robot has to be a name, a file or a folder, got {self.robot!r}")

@@ -11,7 +11,7 @@ from jssa_gym.robots.prepare.anatomy import Anatomy, Link
 from jssa_gym.robots.prepare.chain import Chain
 from jssa_gym.robots.prepare.enclose import Enclosure, Solid, enclose, outside
 from jssa_gym.robots.prepare.findings import FileFinding
-from jssa_gym.robots.prepare.reading import Source
+from jssa_gym.robots.prepare.reading import ArmFile
 from jssa_gym.types import Array
 
 TOLERATED = 1e-3
@@ -46,7 +46,7 @@ class Cover:
 
 
 def cover_links(
-    source: Source, chain: Chain, anatomy: Anatomy, uncovered: Sequence[str], findings: list[FileFinding]
+    source: ArmFile, chain: Chain, anatomy: Anatomy, uncovered: Sequence[str], findings: list[FileFinding]
 ) -> tuple[Cover, ...]:
     """How every link lies in the file's capsules, and capsules for those that do not.
 

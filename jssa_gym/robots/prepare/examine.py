@@ -17,7 +17,7 @@ from jssa_gym.robots.prepare.enclose import Enclosure
 from jssa_gym.robots.prepare.findings import FileFinding, obstacle, repaired
 from jssa_gym.robots.prepare.placing import base_column, placed, size_findings
 from jssa_gym.robots.prepare.posture import Looked, all_pairs, find_home, look, rounded, some_postures, useless
-from jssa_gym.robots.prepare.reading import Source, read_source
+from jssa_gym.robots.prepare.reading import ArmFile, read_source
 from jssa_gym.types import Array
 
 
@@ -47,7 +47,7 @@ class Preparation:
 class Examination:
     """Everything about a file, and the arm that it makes."""
 
-    source: Source
+    source: ArmFile
     preparation: Preparation
     chain: Chain
     anatomy: Anatomy
@@ -121,7 +121,7 @@ def _names(anatomy: Anatomy) -> list[str]:
 # ---- limits, pairs, home -------------------------------------------------------------------------------
 
 
-def _limits(source: Source, anatomy: Anatomy, wanted: Preparation, findings: list[FileFinding]) -> LimitTable:
+def _limits(source: ArmFile, anatomy: Anatomy, wanted: Preparation, findings: list[FileFinding]) -> LimitTable:
     beside = source.path.with_suffix(".limits.toml")
     path = wanted.limits or (beside if beside.is_file() else None)
     if path is not None:

@@ -29,7 +29,7 @@ _LARGEST = 2**28
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Source:
+class ArmFile:
     """An arm's file, compiled."""
 
     path: Path
@@ -39,7 +39,7 @@ class Source:
     findings: tuple[FileFinding, ...] = ()
 
 
-def read_source(path: str | Path, packages: Mapping[str, Path] | None = None) -> Source:
+def read_source(path: str | Path, packages: Mapping[str, Path] | None = None) -> ArmFile:
     """Read an MJCF or URDF file.
 
     Args:
@@ -71,7 +71,7 @@ def read_source(path: str | Path, packages: Mapping[str, Path] | None = None) ->
 # ---- MJCF ----------------------------------------------------------------------------------------------
 
 
-def _read_mjcf(path: Path) -> Source:
+def _read_mjcf(path: Path) -> ArmFile:
     import mujoco
 
     findings: list[FileFinding] = []
@@ -87,7 +87,7 @@ def _read_mjcf(path: Path) -> Source:
         except ValueError as again:
             raise RobotModelError(f"{path.name} does not compile: {_words(again)}") from again
         findings.append(_weightless(path.name))
-    return Source(path, model, {}, tuple(findings))
+    return ArmFile(path, model, {}, tuple(findings))
 
 
 def _give_mass(spec: "mujoco.MjSpec") -> None:
@@ -105,7 +105,7 @@ def _words(error: Exception) -> str:
 # ---- URDF ----------------------------------------------------------------------------------------------
 
 
-def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> Source:
+def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> ArmFile:
     import mujoco
 
     findings: list[FileFinding] = []
@@ -129,7 +129,7 @@ def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> So
         raise RobotModelError("; ".join([*stands, f"{path.name} does not compile: {_words(error)}"])) from error
     if light:
         findings.append(_weightless(path.name))
-    return Source(path, model, velocity, tuple(findings))
+    return ArmFile(path, model, velocity, tuple(findings))
 
 
 def _limits(root: ET.Element, findings: list[FileFinding]) -> dict[str, float]:
