@@ -1,4 +1,4 @@
-"""``jssa-gym demo``: the paper's scene, or a trained policy's task, three times on the same human."""
+"""``jssa-gym demo``: the paper's scene, or a trained policy's task, under several shields with the same human."""
 
 import dataclasses
 import json
@@ -33,12 +33,13 @@ _SHIELDS: dict[str, Callable[[gym.Env], gym.Env]] = {
     "no shield": lambda env: env,
     "as published": JSSAShield.as_published,
     "JSSAShield": JSSAShield,
+    "profile yield": partial(JSSAShield, profile="yield"),
 }
 
 
 @dataclass(frozen=True)
 class Demo:
-    """A person walks up to the arm, stops and leaves; without a shield, with the paper's, with ours."""
+    """A person walks up to the arm, stops and leaves; without a shield, with the paper's, with two of ours."""
 
     out: Path = Path("demo")
     """Folder for figure, film and metrics."""
@@ -52,7 +53,7 @@ class Demo:
     seconds: float = 8.0
     """Length of an episode."""
     video: bool = True
-    """Also film the three runs side by side."""
+    """Also film the runs side by side."""
     pretty: bool = False
     """Shadows and smooth edges in the film: ten times slower."""
     json: bool = False
@@ -139,7 +140,7 @@ def _plain(summary: Summary) -> dict[str, Any]:
 
 
 def _table(summaries: list[Summary]) -> Table:
-    table = Table(title="the same person, three times")
+    table = Table(title="the same person under every shield")
     table.add_column("")
     for summary in summaries:
         table.add_column(summary.name, justify="right")

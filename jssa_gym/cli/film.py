@@ -39,7 +39,7 @@ def pictures(traces: Sequence[Trace]) -> int:
 def film(
     traces: Sequence[Trace], robot: RobotModel, *, d_min: float, pretty: bool = False
 ) -> Iterator[NDArray[np.uint8]]:
-    """The runs side by side, the critical point pair drawn in red.
+    """The runs side by side, the critical point pair drawn in red; below them distances, and jerks of two seconds.
 
     Args:
         traces: Episodes of the same length, robot and half-spaces.
@@ -61,7 +61,8 @@ def film(
                 near = measure(robot, JointState(trace.position[k], zero, zero), people, planes)
                 picture = world.picture(trace.position[k], people, pair=near.points)
                 bar = plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), bool(trace.contact[k]), size)
-                columns.append(np.vstack([label, picture, bar]))
+                jerks = plots.ribbon(trace.jerk[: k + 1] / robot.limits.jerk, size)
+                columns.append(np.vstack([label, picture, bar, jerks]))
             yield np.hstack(columns)
     finally:
         world.close()

@@ -2,7 +2,7 @@
 
 from jssa_gym.plots.backend import require, write_png
 from jssa_gym.plots.campaigns import Curve, degradation
-from jssa_gym.plots.episodes import gauge, label, profile, write_film
+from jssa_gym.plots.episodes import gauge, label, profile, ribbon, write_film
 from jssa_gym.plots.handover import handovers
 from jssa_gym.plots.lambda_map import lambda_map
 from jssa_gym.plots.portrait import portraits, shifts
@@ -18,6 +18,7 @@ __all__ = [
     "portraits",
     "profile",
     "require",
+    "ribbon",
     "sensitivity",
     "shifts",
     "write_film",

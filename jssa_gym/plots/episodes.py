@@ -12,10 +12,13 @@ from jssa_gym.plots.backend import COLOURS, INSTALL, draw_without_display
 from jssa_gym.robots import JointLimits
 from jssa_gym.storage import whole_file
 from jssa_gym.text import printable
-from jssa_gym.types import Trace
+from jssa_gym.types import Array, Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_RGB = [tuple(bytes.fromhex(colour[1:])) for colour in COLOURS if colour != "#000000"]
+"""Colours to be seen on dark ground."""
 
 
 def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figure":
@@ -114,6 +117,30 @@ def gauge(
     strip[3:-3, :length] = colour
     mark = int(d_min * width)
     strip[:, mark : mark + 2] = (255, 255, 255)
+    return strip
+
+
+def ribbon(share: Array, width: int, height: int = 46, steps: int = 250) -> NDArray[np.uint8]:
+    """The last ``steps`` control steps of every joint's jerk, newest at the right, shape (height, width, 3).
+
+    A shield that flips a jerk between its bounds fills it from top to bottom, one that gives way leaves a line.
+
+    Args:
+        share: Jerks so far over their bounds, shape (t, n).
+        width, height: Of the picture.
+        steps: How many are shown.
+    """
+    strip = np.full((height, width, 3), 34, np.uint8)
+    strip[height // 2] = (90, 96, 104)
+    shown = share[-steps - 1 :]
+    rows = np.clip(np.rint((1.0 - shown) / 2.0 * (height - 7) + 3), 0, height - 1).astype(int)
+    right = width - np.arange(len(shown) - 1, -1, -1) * width / steps
+    for k in range(1, len(shown)):
+        left, end = int(max(right[k - 1], 0.0)), int(right[k])
+        for j in range(rows.shape[1]):
+            top, bottom = sorted((rows[k - 1, j], rows[k, j]))
+            if shown[k - 1, j] or shown[k, j]:
+                strip[top : bottom + 1, left : max(end, left + 1)] = _RGB[j % len(_RGB)]
     return strip
 
 

@@ -249,6 +249,18 @@ def test_a_gauge_is_as_long_as_the_distance():
     assert tuple(plots.gauge(0.0, 0.05, False, False, 480)[0, 24]) == (255, 255, 255)
 
 
+def test_a_ribbon_shows_whether_jerks_flip():
+    def covered(jerk):
+        strip = plots.ribbon(np.array(jerk, float)[:, None], 480)
+        assert strip.shape == (46, 480, 3)
+        return float((strip == plots.ribbon(np.ones((2, 1)), 480)[3, -1]).all(axis=2).mean())
+
+    still, flips, turns = np.zeros(300), np.resize([1.0, -1.0], 300), np.sin(np.linspace(0.0, 6.0, 300))
+    assert covered(still) == 0.0
+    assert covered(flips) > 0.8 > 0.1 > covered(turns) > 0.0
+    assert covered(flips[:26]) == pytest.approx(covered(flips) / 10.0, rel=0.1)  # newest at the right, by and by
+
+
 def test_a_label_shows_its_text():
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     strips = [plots.label(text, 480) for text in ("", "no shield", "JSSAShield")]
