@@ -627,8 +627,8 @@ MUTANTS = [
     Mutant(
         "an alternative that the filter would change",
         "tick/propose.py",
-        'alone = code == 0 and told["rows"] == 0',
-        "alone = True",
+        'return code == 0 and told["rows"] == 0',
+        "return True",
         (OFFERS, "would_change"),
     ),
     Mutant(
@@ -662,10 +662,31 @@ MUTANTS = [
     Mutant(
         "a blend that nobody verifies",
         "tick/admit.py",
-        "        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, work, e)\n"
+        "        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, count, work, e)\n"
         "        if hardness < count:",
         "        plan_behind(settings, memory, jerk, 0, work, e)\n        if True:",
         (OFFERS, "blend_is_verified"),
+    ),
+    Mutant(
+        "what a filter wants however little room it leaves",
+        "tick/admit.py",
+        "if count > 1 and _differ(wanted, work.clipped):",
+        "if False:",
+        (OFFERS, "blend_is_verified"),
+    ),
+    Mutant(
+        "an arm found in motion stops softly or not at all",
+        "tick/admit.py",
+        "softest(robot, settings, memory, work.halt, 0, settings.hardness.shape[0], work, e)",
+        "softest(robot, settings, memory, work.halt, 0, 1, work, e)",
+        (OFFERS, "found_in_motion"),
+    ),
+    Mutant(
+        "an acceleration that no projection found is applied",
+        "tick/proposals/energy.py",
+        "    if not left < np.inf:\n",
+        "    if False:\n",
+        (OFFERS, "projection_that_fails"),
     ),
     Mutant(
         "a blend the wrong way round",
@@ -677,15 +698,15 @@ MUTANTS = [
     Mutant(
         "an alternative before a hard stop",
         "tick/admit.py",
-        "if code != SAFE or hardness >= SOFT:",
-        "if code != SAFE:",
+        "soft = min(SOFT, settings.hardness.shape[0])",
+        "soft = settings.hardness.shape[0]",
         (OFFERS, "verified_soft_stop"),
     ),
     Mutant(
-        "an alternative before the hardest stop that fails",
+        "an alternative before a stop that fails",
         "tick/admit.py",
-        "if code != SAFE or hardness >= SOFT:",
-        "if hardness >= SOFT:",
+        "    if code != SAFE:\n        return False\n    told",
+        "    told",
         (OFFERS, "no_stop_follows"),
     ),
     Mutant(
@@ -749,7 +770,7 @@ MUTANTS = [
         "tick/proposals/rows.py",
         'return of_rows(told) if told["slack"] < np.inf else codes.UNSOLVED',
         "return of_rows(told)",
-        (OFFERS, "projection_of_predicted"),
+        (OFFERS, "projection_that_fails"),
     ),
     Mutant(
         "a fault told through what has failed",

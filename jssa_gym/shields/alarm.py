@@ -1,6 +1,7 @@
 """What a shield says aloud: failures with their tracebacks, and faults that go on for long."""
 
 import logging
+import sys
 
 _logger = logging.getLogger("jssa_gym")
 
@@ -37,7 +38,8 @@ class Alarm:
         self._faults = 0
 
     def failure(self, where: str, what: str) -> None:
-        """Log the exception that is handled, with its traceback, unless it is the last one from there again."""
-        if self._failures.get(where) != what:
-            self._failures[where] = what
+        """Log the exception that is handled, with its traceback, unless the last one from ``where`` was alike."""
+        this = f"{what} {sys.exc_info()[0]}"
+        if self._failures.get(where) != this:
+            self._failures[where] = this
             _logger.exception("%s", what)

@@ -33,7 +33,8 @@ SOFT = 2
 """As many of the softest stops may stand behind an alternative; where there is but one hardness, that one."""
 
 EASY = 0.05
-"""Room to people from which on nothing is slowed down [m], see :func:`~jssa_gym.kernels.margin.margin`."""
+"""Room to people from which on what a filter wants is not slowed down for their sake [m], see
+:func:`~jssa_gym.kernels.margin.margin`."""
 
 
 @jit
@@ -112,15 +113,15 @@ def room_behind(robot, settings, memory, jerk, work, e):
 
 
 @jit
-def softest(robot, settings, memory, jerk, first, work, e):
-    """The softest verified stop behind ``jerk`` (n,), looked for from hardness number ``first`` on.
+def softest(robot, settings, memory, jerk, first, end, work, e):
+    """The softest verified stop behind ``jerk`` (n,), of those with hardness numbers from ``first`` up to ``end``.
 
     Returns:
-        Its number, or how many there are if none is verified; then what was in the way of the one tried last, as of
-        :func:`keeps_safe`.
+        Its number, or how many there are in all if none is verified; then what was in the way of the one tried last, as
+        of :func:`keeps_safe`.
     """
     code, row, column, moment = LIMITS, -1, -1, 0.0
-    for hardness in range(first, settings.hardness.shape[0]):
+    for hardness in range(first, end):
         code, row, column, moment = keeps_safe(robot, settings, memory, jerk, hardness, work, e)
         if code == SAFE:
             return hardness, code, row, column, moment
@@ -176,7 +177,9 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
     if why == SAFE and share == 1.0:
         return WANTED, why, row, column, moment
     if count > 1 and why != SAFE:
-        hardness, code, other_row, other_column, other_moment = softest(robot, settings, memory, jerk, 1, work, e)
+        hardness, code, other_row, other_column, other_moment = softest(
+            robot, settings, memory, jerk, 1, count, work, e
+        )
         if hardness == count:
             why, row, column, moment, share = code, other_row, other_column, other_moment, 0.0
         else:
@@ -184,7 +187,7 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
             share = min(share, (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0]))
     if count > 1 and share > 0.0:
         blend(memory, wanted, share, settings.stop_limits, jerk, e)
-        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, work, e)
+        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, count, work, e)
         if hardness < count:
             return GRADED, why, row, column, moment
     stop_jerk(memory.stored[e], step, jerk)
@@ -243,8 +246,9 @@ def admits(robot, settings, memory, jerk, work, answer, e):
 
     Before a harder one, an arm is better slowed down by and by (:func:`choose`) than let go on until braking jumps.
     """
-    hardness, code, row, column, moment = softest(robot, settings, memory, jerk, 0, work, e)
-    if code != SAFE or hardness >= SOFT:
+    soft = min(SOFT, settings.hardness.shape[0])
+    _, code, row, column, moment = softest(robot, settings, memory, jerk, 0, soft, work, e)
+    if code != SAFE:
         return False
     told = answer.told[e]
     told["chosen"], told["detail"] = WANTED, code
@@ -269,8 +273,13 @@ def confirm_held(robot, settings, memory, work, answer, e):
 def confirm_last(robot, settings, memory, work, answer, e):
     """The stop of an arm that was found in motion: perhaps it can be verified by now."""
     if answer.told[e]["chosen"] == STORED and not memory.arm[e]["verified"]:
-        which, _, _, _, _ = choose(robot, settings, memory, work.halt, work.jerk, work, e)
-        answer.told[e]["chosen"] = STORED if which == STORED else HALFWAY
+        # any stop that is verified is better than one that is not, however hard and however little room it leaves
+        hardness, _, _, _, _ = softest(robot, settings, memory, work.halt, 0, settings.hardness.shape[0], work, e)
+        copy(work.halt, work.jerk)
+        if hardness < settings.hardness.shape[0]:
+            answer.told[e]["chosen"] = HALFWAY
+        else:
+            integrate(memory.state[e], work.jerk, settings.dt, work.after)
 
 
 @jit

@@ -121,6 +121,7 @@ def take_alternative(arms, nominal, e):
             continue
         copy(work.clipped, answer.jerk[e])
         copy(work.clipped, memory.applied[e])
+        memory.arm[e]["resume"] = np.nan  # the filter lets it go on
         told["status"], told["code"], told["choice"], told["inside"] = codes.NOMINAL, 0, choice, True
         return True
     told["inside"] = clip_to_box(nominal, work)

@@ -152,11 +152,9 @@ def leaves_alone(arms, jerk, told, e):
     code = proposed(arms.proposal)(
         arms.robot, arms.settings, arms.proposal, arms.memory, jerk, arms.work, told, e
     )  # fmt: skip
-    alone = code == 0 and told["rows"] == 0
-    if not alone:
-        # what is not applied has stopped nobody
-        arm["resume"] = resume
-    return alone
+    # what is not applied, or not yet, has neither stopped anybody nor let anybody go on
+    arm["resume"] = resume
+    return code == 0 and told["rows"] == 0
 
 
 @part

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -18,8 +19,10 @@ from jssa_gym.humans import make_human
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.kernels.verification import SAFE
 from jssa_gym.safety.failsafe import HARDNESS, FailsafeParams
-from jssa_gym.shields import PROFILES, NoFilter, Shield, make_filter
-from jssa_gym.tick.admit import EASY, GRADED, SOFT, WANTED, blend, choose, share_of
+from jssa_gym.shields import FILTERS, PROFILES, NoFilter, Shield, make_filter
+from jssa_gym.shields.reasons import REASONS
+from jssa_gym.tick import codes as reasons
+from jssa_gym.tick.admit import EASY, GRADED, SOFT, WANTED, blend, choose, room_behind, share_of
 from jssa_gym.tick.admit import keeps_safe as keeps_safe_by
 from jssa_gym.types import Status
 
@@ -51,7 +54,7 @@ class Straying:
             raise RuntimeError("no idea")
 
 
-@pytest.mark.parametrize("name", ["jssa", "jssa+stop", "cbf+stop", "stop", "none", *PROFILES])
+@pytest.mark.parametrize("name", [*FILTERS, "jssa+stop", "cbf+stop", *PROFILES])
 def test_the_first_alternative_in_the_box_is_applied(name):
     shield = beside(name)
     shield.reset(seed=0)
@@ -60,11 +63,10 @@ def test_the_first_alternative_in_the_box_is_applied(name):
     path = Straying(jerks)
     shield.offer(path)
     *_, info = shield.step(np.zeros(6))
-    if shield.filter.compiled:
-        assert (info["shield/choice"], info["shield/kind"], info["shield/override"]) == (2, "alternative", 0.5)
-        assert path.told == [2]
-        assert info["jerk"] == pytest.approx(0.25 * bound, rel=1e-12)
-        assert info["shield/intervened"]
+    assert (info["shield/choice"], info["shield/kind"], info["shield/override"]) == (2, "alternative", 0.5)
+    assert path.told == [2]
+    assert info["jerk"] == pytest.approx(0.25 * bound, rel=1e-12)
+    assert info["shield/intervened"]
     *_, info = shield.step(np.zeros(6))  # an offer is for one step
     assert (info["shield/choice"], info["shield/kind"]) == (-1, "nominal")
 
@@ -116,6 +118,25 @@ def test_an_offer_that_is_passed_over_stops_nobody(robot, make_scene):
     assert passed_over
 
 
+def test_an_offer_that_the_stop_refuses_lets_nobody_go_on(robot, make_scene):
+    """Where SSM would let an offer pass that no verified stop follows, it goes on as if none had been made."""
+    state, offer = np.array([robot.home, 0.9 * robot.limits.velocity, np.zeros(robot.n)]), robot.limits.jerk
+    refused = 0
+    for gap in np.arange(0.3, 1.5, 2e-2):
+        scene, resumes = make_scene(state, ball((gap, 0.0, 1.0))), []
+        for path in (None, Straying(0.15 * offer[None])):
+            filter = make_filter("ssm", robot, 0.008, viability=True, failsafe=FailsafeParams())
+            filter.reset(scene)
+            arm = filter.records.memory.arm[0]
+            arm["resume"] = 1e-3
+            choice = filter.decide(scene, np.zeros(robot.n), path).choice
+            resumes.append(float(arm["resume"]))
+        if choice < 0:
+            np.testing.assert_equal(*resumes)
+            refused += 1
+    assert refused
+
+
 def test_what_would_be_known_of_nobody_is_a_fault(robot):
     """Distances that overflow: nobody knows who is in the way, and the nominal is not applied."""
     env = jssa_gym.ArmEnv("home", human="pursuit")
@@ -130,16 +151,21 @@ def test_what_would_be_known_of_nobody_is_a_fault(robot):
         assert (decision.status, decision.reason) == (Status.FAULT, "the safety index is not finite")
 
 
-def test_a_projection_of_predicted_rows_that_fails_is_a_fault():
-    shield = beside("jssa_ahead", human="pursuit")
+@pytest.mark.parametrize("name", ["jssa_ahead", "ssa", "sss", "cbf"])
+def test_a_projection_that_fails_is_a_fault(name):
+    shield = beside(name, human="pursuit")
     shield.reset(seed=1)
-    while shield.step(np.full(6, 0.2))[-1]["shield/status"] != Status.PROJECTED:
-        pass
+    for _ in range(500):
+        shield.step(np.full(6, 0.2))
+        if shield.last_decision.rows:
+            break
+    assert shield.last_decision.rows
     records = shield.filter.records
     records.settings = records.settings._replace(diagonal=False, inverse=-np.eye(6))
     records.release()
     *_, info = shield.step(np.full(6, 0.2))
     assert (info["shield/status"], info["shield/kind"]) == (Status.FAULT, "fault")
+    assert info["shield/reason"] == REASONS[reasons.UNSOLVED]
 
 
 def test_records_that_are_out_of_order_cost_a_path_nothing_else(robot, caplog):
@@ -303,16 +329,34 @@ def _approached():
     return beside("stop", human=make_human("approach_retreat"), stop={"graded": True})
 
 
+def test_an_arm_found_in_motion_stops_as_soon_as_any_stop_is_verified(robot, make_scene):
+    """However hard that is, and however little room it leaves: with graded stops no later than without."""
+    state = np.array([robot.home, 0.3 * robot.limits.velocity, np.zeros(robot.n)])
+    seen = set()
+    for gap, share in product(np.arange(1.0, 1.4, 0.01), (0.0, 0.9)):
+        scene, verified = make_scene(state, ball((gap, 0.0, 1.0))), []
+        for graded in (False, True):
+            filter = make_filter("stop", robot, 0.008, viability=True, failsafe=FailsafeParams(graded=graded))
+            filter.reset(scene)
+            filter.decide(scene, share * robot.limits.jerk)
+            verified.append(filter.verified)
+        assert verified[1] >= verified[0]
+        seen.add(verified[0])
+    assert seen == {True, False}
+
+
 def test_what_a_blend_is_verified_by_is_stored(robot):
     """Arms in motion, somebody near: a blend is chosen only with the stop behind it that is verified, or not at all.
 
-    Braking harder now is not always safer, so that some blends have to be given up; that is seen here too.
+    Braking harder now is not always safer, so that some blends have to be given up; that is seen here too. What a
+    filter wants instead of the nominal is blended as well where it leaves little room to people.
     """
     filter = make_filter("stop", robot, 0.008, failsafe=FailsafeParams(graded=True))
     filter.records.make_room(people=1)
     arms, memory, work = filter.records.view.arms, filter.records.memory, filter.records.work
-    bounds, rng, jerk, chosen, given_up = robot.limits.bounds(), np.random.default_rng(0), np.zeros(6), 0, 0
-    memory.growth[:], memory.touch[:], work.reach[:] = 1.6, 0.0, 0.0
+    bounds, rng, jerk = robot.limits.bounds(), np.random.default_rng(0), np.zeros(6)
+    chosen = given_up = crowded = 0
+    memory.touch[:], work.reach[:] = 0.0, 0.0
     for _ in range(3000):
         state = rng.uniform(-1.0, 1.0, (3, 6)) * [[0.8], [0.3], [0.3]] * np.array([np.ones(6), bounds[2], bounds[3]])
         state[0] += robot.home
@@ -320,22 +364,32 @@ def test_what_a_blend_is_verified_by_is_stored(robot):
         work.grown["start"] = work.grown["end"] = rng.uniform([-1.2, -1.2, 0.4], [1.2, 1.2, 1.8])
         work.grown["radius"] = 0.1
         wanted = rng.uniform(-1.0, 1.0, 6) * bounds[4]
-        work.clipped[:] = wanted
+        own = rng.random() < 0.5
+        work.clipped[:] = wanted * (0.9 if own else 1.0)
+        memory.growth[:] = 0.02 if own else 1.6  # beside the slow a soft stop is as good as a hard one
         plan_stop(state, bounds, 0.008, memory.stored[0])
         codes = [_verified(arms, wanted, hardness) for hardness in range(len(HARDNESS))]
+        roomy = not own or share_of(_room(arms, wanted)) == 1.0
         which = _choose(arms, wanted, jerk)
+        crowded += codes[0] and not roomy
         if which == GRADED:
-            assert not codes[0]
+            assert not (codes[0] and roomy)
             assert any(codes)
             stop = work.next.copy()
             behind = [(_verified(arms, jerk, hardness), work.next.copy()) for hardness in range(len(HARDNESS))]
             assert any(verified and (plan == stop).all() for verified, plan in behind)
             chosen += 1
         else:
-            assert (which == WANTED) == codes[0]
+            assert (which == WANTED) == (codes[0] and roomy)
             given_up += any(codes) and not codes[0]
     assert chosen > 20
     assert given_up > 0
+    assert crowded > 0
+
+
+@njit
+def _room(arms, wanted):
+    return room_behind(arms.robot, arms.settings, arms.memory, wanted, arms.work, 0)
 
 
 @njit

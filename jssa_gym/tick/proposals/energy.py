@@ -72,7 +72,9 @@ def safe_acceleration(robot, settings, proposal, memory, nominal, work, told, e)
         return 0
     fill(lower, -UNBOUNDED)
     fill(upper, UNBOUNDED)
-    project(settings, wanted, count, lower, upper, work)
+    _, left = project(settings, wanted, count, lower, upper, work)
+    if not left < np.inf:
+        return codes.UNSOLVED
     for j in range(now.shape[0]):
         work.wanted[j] = min(max((work.wanted[j] - now[j]) / tau, work.lower[j]), work.upper[j])
         wanted[j] = now[j] + tau * work.wanted[j]
