@@ -46,7 +46,7 @@ def show_messages() -> None:
 
 
 def words(name: str) -> list[str]:
-    """Words of a name and its numbers, in small letters: ``left``, ``up``, ``leg`` of ``LeftUpLeg``, ``left_up.leg``."""
+    """Words and numbers of a name, in small letters: ``left``, ``up``, ``leg`` of ``LeftUpLeg``, ``left_up.leg``."""
     return [word.casefold() for word in _WORD.findall(name)]
 
 
