@@ -1,11 +1,14 @@
 """Text that others made, such as names in files: shown as it is read, never obeyed."""
 
 import logging
+import re
 import warnings
 from typing import Any
 
 _MARKS = "\n\t"
 """What texts of several lines, such as tracebacks, are laid out with."""
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 
 def printable(text: str, keep: str = "") -> str:
@@ -40,6 +43,11 @@ def show_messages() -> None:
     warnings.formatwarning = shown  # ty: ignore[invalid-assignment]
     if logging.lastResort is not None:
         logging.lastResort.setFormatter(_Shown())
+
+
+def words(name: str) -> list[str]:
+    """Words and numbers of a name, in small letters: ``left``, ``up``, ``leg`` of ``LeftUpLeg``, ``left_up.leg``."""
+    return [word.casefold() for word in _WORD.findall(name)]
 
 
 def counted(count: int, noun: str) -> str:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from jssa_gym.kernels.people import CLAIMS_MOTION, STAMP_ROUNDING
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.failsafe import FOOT_PARTS, LIMB_PARTS, SLOW_PARTS, FailsafeParams
+from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.safety.parts import FOOT_PARTS, LIMB_PARTS, SLOW_PARTS, is_called
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes, Scene
 
 _CLOCK = 1e-6
@@ -187,7 +188,7 @@ def _names(scenes: Sequence[Scene], params: FailsafeParams) -> Iterator[Trouble]
         return
     people = scenes[0].human
     known = (*SLOW_PARTS, *LIMB_PARTS, *FOOT_PARTS)
-    unknown = [name for name in dict.fromkeys(people.names) if not any(part in name.casefold() for part in known)]
+    unknown = [name for name in dict.fromkeys(people.names) if not is_called(name, known)]
     if unknown:
         text = (
             f"{', '.join(map(repr, unknown))}: no body part that is known by name, so it may move as fast as a limb, "

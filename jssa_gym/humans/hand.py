@@ -13,6 +13,7 @@ from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.validation import low_high, positive_number, share
 
 RIGHT, LEFT = NAMES.index("right_arm"), NAMES.index("left_arm")
+_ARMS = (NAMES[RIGHT], NAMES[LEFT])
 
 ARM_LENGTH = 0.7
 """Shoulder to hand of a stretched arm [m]; 0.58 m at rest."""
@@ -122,6 +123,12 @@ class Hand(HumanMotion):
         self.both, self.length = share("both", both), positive_number("length", length)
         self.acceleration = acceleration_bound("acceleration", acceleration)
         self.speed_bound = self.speed[1]
+
+    def end_speeds_of(self, part: str) -> tuple[float, float]:
+        return 0.0, self.speed_bound if part in _ARMS else 0.0
+
+    def acceleration_of(self, part: str) -> float:
+        return self.acceleration if part in _ARMS else 0.0
 
     def check_start(self, start: Array) -> None:
         check_clearance(start)

@@ -10,6 +10,7 @@ People keep their root at least :data:`CLEARANCE` from the robot's base axis (th
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from numbers import Real
 
 import numpy as np
 
@@ -56,6 +57,15 @@ class HumanMotion(ABC):
     @abstractmethod
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
         """Move on by ``dt`` [s]; ``robot`` is the arm at the beginning of the step."""
+
+    def end_speeds_of(self, part: str) -> tuple[float, float]:
+        """Start and end of the capsules of that name move no faster [m/s]; unless a motion says more, as any point."""
+        return self.speed_bound, self.speed_bound
+
+    def acceleration_of(self, part: str) -> float | None:
+        """Neither end of the capsules of that name changes its velocity faster [m/s²]; None if it says none."""
+        most = getattr(self, "acceleration", None)
+        return float(most) if isinstance(most, Real) else None
 
     def check_start(self, start: Array) -> None:  # noqa: B027  # a motion may take any start
         """Refuse a start that :meth:`reset` could not take, with a ParameterError; (2,) [m]."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jssa_gym.humans.acceleration import HAND, acceleration_bound
-from jssa_gym.humans.body import Body
+from jssa_gym.humans.body import NAMES, Body
 from jssa_gym.humans.hand import ARM_LENGTH, RIGHT, Limb
 from jssa_gym.humans.motion import CLEARANCE, STILL, HumanMotion, check_clearance
 from jssa_gym.types import Array, CapsuleSet
@@ -59,6 +59,12 @@ class Receive(HumanMotion):
         self.wait, self.hold, self.stay = low_high("wait", wait), low_high("hold", hold), low_high("stay", stay)
         self.acceleration = acceleration_bound("acceleration", acceleration)
         self.speed_bound = self.speed[1]
+
+    def end_speeds_of(self, part: str) -> tuple[float, float]:
+        return 0.0, self.speed_bound if part == NAMES[RIGHT] else 0.0
+
+    def acceleration_of(self, part: str) -> float:
+        return self.acceleration if part == NAMES[RIGHT] else 0.0
 
     def check_start(self, start: Array) -> None:
         check_clearance(start)

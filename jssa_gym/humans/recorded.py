@@ -92,6 +92,12 @@ class Recorded(HumanMotion):
             self.recording = _closed(recording)
         self.speed_bound = self.recording.speed
 
+    def end_speeds_of(self, part: str) -> tuple[float, float]:
+        if part not in self.recording.names:
+            return super().end_speeds_of(part)
+        start, end = self.recording.end_speeds[self.recording.names.index(part)].tolist()
+        return start, end
+
     def check_start(self, start: Array) -> None:
         self._from(start)
 

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.acceleration import HAND, acceleration_bound
+from jssa_gym.humans.body import NAMES
 from jssa_gym.humans.hand import ARM_LENGTH, RIGHT, Limb
 from jssa_gym.humans.motion import STILL, Point, Walk
 from jssa_gym.types import Array, CapsuleSet
@@ -69,6 +70,13 @@ class Steered(Walk):
         people = super().reset(rng, start, person)
         self._limb = Limb(self._body, RIGHT, ARM_LENGTH, self.limb_acceleration)
         return people
+
+    def end_speeds_of(self, part: str) -> tuple[float, float]:
+        return self.speed, self.speed_bound if part == NAMES[RIGHT] else self.speed
+
+    def acceleration_of(self, part: str) -> float:
+        moves = self.reacts and part == NAMES[RIGHT]
+        return self.acceleration + (self.limb_acceleration if moves else 0.0)
 
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
         self._velocity = STILL

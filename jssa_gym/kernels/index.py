@@ -148,6 +148,20 @@ def index_value(distance, rate, curvature, index):
 
 
 @jit
+def index_values(motion, parameters, out):
+    r""":math:`\phi` of pairs whose distance [m] and its first and second derivative begin the rows of ``motion``.
+
+    Args:
+        motion: Shape (p, at least 3).
+        parameters: See :func:`index_of`, shape (6,).
+        out: Result, shape (p,) [m²].
+    """
+    index = index_of(parameters)
+    for i in range(motion.shape[0]):
+        out[i] = index_value(motion[i, 0], motion[i, 1], motion[i, 2], index)
+
+
+@jit
 def evaluate(segment, agent, s, r, distance, index):
     r"""Index and its gradients at the closest points :math:`P(s)` on the robot and :math:`Q(r)` on the agent.
 

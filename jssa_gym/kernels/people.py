@@ -18,6 +18,10 @@ CLAIMS_MOTION = 0.05
 STAMP_ROUNDING = 1e-9
 """Stamps this close are one [s]: they are differences of times."""
 
+ANCHORED = 0.25
+"""How long samples are compared with one from before [s]: what errors of velocity hide of an acceleration between
+neighbouring samples, they hide the less of the longer it lasts."""
+
 LENGTH_ROUNDING = 1e-6
 """Added to what an end may have moved [m]."""
 
@@ -62,26 +66,37 @@ def _within(ends, j, radius, track, elapsed, error):
 
 
 @jit
-def _swerves(ends, j, radius, track, elapsed, error):
-    """Whether an end moved, or changed its velocity, by more than its acceleration bound lets it.
-
-    Or says that it is faster than its speed bound: then one of the two bounds does not hold.
-    """
+def _strays(ends, j, thicker, before, elapsed, error, track):
+    """Whether an end moved, or changed its velocity, since a sample before by more than its bound lets it."""
     bound, off = track["acceleration"], track["velocity_error"]
     drift = off * elapsed + bound * elapsed * elapsed / 2.0 + 2.0 * error + LENGTH_ROUNDING
-    drift -= abs(radius - track["radius"])
+    drift -= abs(thicker)
     change = bound * elapsed + 2.0 * off + SPEED_ROUNDING
     if not drift >= 0.0:
         return True
     for row in range(2):
-        fastest = track["speed"][row] + off + SPEED_ROUNDING
-        if not dot(ends[row + 2, j], ends[row + 2, j]) <= fastest * fastest:
-            return True
-        turn = subtract(ends[row + 2, j], track["trusted"][row + 2])
-        way = subtract(ends[row, j], add(track["trusted"][row], scale(track["trusted"][row + 2], elapsed)))
+        turn = subtract(ends[row + 2, j], before[row + 2])
+        way = subtract(ends[row, j], add(before[row], scale(before[row + 2], elapsed)))
         if not (dot(turn, turn) <= change * change and dot(way, way) <= drift * drift):
             return True
     return False
+
+
+@jit
+def _swerves(ends, j, radius, track, stamp, error):
+    """Whether an end breaks its acceleration bound, since it was last trusted or since its anchor.
+
+    Or says that it is faster than its speed bound: then one of the two bounds does not hold.
+    """
+    for row in range(2):
+        fastest = track["speed"][row] + track["velocity_error"] + SPEED_ROUNDING
+        if not dot(ends[row + 2, j], ends[row + 2, j]) <= fastest * fastest:
+            return True
+    elapsed = max(stamp - track["stamp"], 0.0)
+    if _strays(ends, j, radius - track["radius"], track["trusted"], elapsed, error, track):
+        return True
+    since = max(stamp - track["anchor_stamp"], 0.0)
+    return _strays(ends, j, radius - track["anchor_radius"], track["anchor"], since, error, track)
 
 
 @jit
@@ -113,7 +128,7 @@ def _judge(time, ends, j, radius, age, valid, person, error, track):
         if stamp < track["stamp"] - STAMP_ROUNDING:
             return max(verdict, OLDER)
         elapsed = max(stamp - track["stamp"], 0.0)
-        if track["acceleration"] > 0.0 and _swerves(ends, j, radius, track, elapsed, error):
+        if track["acceleration"] > 0.0 and _swerves(ends, j, radius, track, stamp, error):
             # who has broken the bound once is not granted it again
             track["steady"] = SWERVED
         if not _within(ends, j, radius, track, elapsed, error):
@@ -121,6 +136,11 @@ def _judge(time, ends, j, radius, age, valid, person, error, track):
         # neither a sample that is not believed confirms anything nor one of the same moment
         if track["acceleration"] > 0.0 and track["steady"] == UNCONFIRMED and elapsed > STAMP_ROUNDING:
             track["steady"] = STEADY
+    if track["acceleration"] > 0.0 and stamp - track["anchor_stamp"] >= ANCHORED:
+        for row in range(4):
+            for k in range(3):
+                track["anchor"][row, k] = ends[row, j, k]
+        track["anchor_radius"], track["anchor_stamp"] = radius, stamp
     for row in range(4):
         for k in range(3):
             track["trusted"][row, k] = ends[row, j, k]

@@ -106,6 +106,9 @@ TRACK = np.dtype(
         ("acceleration", np.float64),  # ... and change their velocity, 0 if nobody says how fast
         ("velocity_error", np.float64),  # of their measured velocities
         ("steady", np.int64),  # whether they have kept to that, see jssa_gym.kernels.occupancy
+        ("anchor", np.float64, (4, 3)),  # a sample trusted a while ago, which those since have to agree with as well
+        ("anchor_radius", np.float64),
+        ("anchor_stamp", np.float64),  # -inf for never
         ("person", np.int64),
     ],
     align=True,

@@ -8,30 +8,9 @@ import numpy as np
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.parts import FOOT_PARTS, LIMB_PARTS, SLOW_PARTS, by_name, is_called
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, number_within, positive_number, real_array
-
-SLOW_PARTS = (
-    "head",
-    "neck",
-    "torso",
-    "trunk",
-    "body",
-    "chest",
-    "spine",
-    "hip",
-    "pelvis",
-    "leg",
-    "knee",
-)
-"""A body part whose name contains one of these, in any case, keeps ``human_speed``; all others may be upper limbs."""
-
-LIMB_PARTS = ("arm", "elbow", "wrist", "hand", "palm", "fist", "finger", "thumb")
-"""A body part whose name contains one of these, in any case, may move at ``limb_speed``, whatever else it contains: the
-wrist of a body is a wrist."""
-
-FOOT_PARTS = ("foot", "feet", "toe", "ankle", "heel")
-"""A body part whose name contains one of these, in any case, may move at ``foot_speed``, whatever else it contains."""
 
 HARDNESS = (0.4, 0.55, 0.7, 0.85, 1.0)
 """Shares of the acceleration and jerk limits that graded stops are planned with, softest first."""
@@ -74,8 +53,9 @@ class FailsafeParams:
     human_speed: float = 1.6
     """No point of a person moves faster [m/s]; ISO 13855's walking speed."""
     limb_speed: float = 2.0
-    """The same for upper limbs, and for all parts whose name is not in :data:`SLOW_PARTS`, but for feet [m/s];
-    ISO 13855."""
+    """The same for upper limbs, and for all parts whose name says nothing that is known [m/s]; ISO 13855. That is below
+    a foot's: at that, arms beside everybody who is not named would stop from more than twice as far. A foot under such
+    a name fails open; ``jssa_gym.check_env`` says which names are unknown. See :mod:`jssa_gym.safety.parts`."""
     position_error: float = 0.0
     """Largest error of a measured capsule end [m]."""
     actuation_lag: float = 0.0
@@ -85,18 +65,22 @@ class FailsafeParams:
     max_age: float = 0.2
     """Measurements are grown by their age up to this; older ones are a fault [s]."""
     foot_speed: float = 4.8
-    """As ``limb_speed``, for the parts in :data:`FOOT_PARTS` [m/s]: three times ISO 13855's walking speed. A foot
-    swings for 40 % of a stride, so 2.5 times as fast as the person walks in the mean; feet were recorded at 3.1 to
-    3.8 m/s. What is called a leg keeps ``human_speed`` though it may end in a foot, see :data:`LEG_SPEEDS`."""
+    """As ``limb_speed``, for the parts in :data:`~jssa_gym.safety.parts.FOOT_PARTS`, shins and shoes included [m/s]:
+    three times ISO 13855's walking speed. A foot swings for 40 % of a stride, so 2.5 times as fast as the person walks
+    in the mean; feet were recorded at 3.1 to 3.8 m/s. What is called a leg keeps
+    ``human_speed`` though it may end in a foot, see :data:`LEG_SPEEDS`."""
     end_speeds: Mapping[str, tuple[float, float]] | None = None
     """Speeds [m/s] that start and end of the capsules of these names do not exceed, instead of the above, such as
-    :data:`ARM_SPEEDS`; ends that are measured the other way round fail open. None: one speed a part."""
+    :data:`ARM_SPEEDS`; ends that are measured the other way round fail open. None: one speed a part. Names here and in
+    the mappings below are the same in any case; those that no capsule has are said aloud when people are met."""
     human_acceleration: float | Mapping[str, float] | None = None
     """Neither end of a capsule changes its velocity faster [m/s²], for all body parts or by name, and velocities are
     measured; the parts not named, or None: nobody knows."""
     velocity_error: float = 0.0
     """Largest error of a measured velocity of a capsule end [m/s], a filter's lag times the acceleration included; used
-    with ``human_acceleration``."""
+    with ``human_acceleration``. The larger it is, the less is seen of who breaks that: samples are compared with the
+    one before and with one about T = 0.25 s old, so that an acceleration that lasts is seen above
+    ``human_acceleration`` + 2 ``velocity_error`` / T (+ 4 ``velocity_error`` / T where errors happen to hide it)."""
     contact_speed: float | Mapping[str, float] = 0.0
     """Speed of the arm's touching point that a contact may have [m/s], for all body parts or by name; the parts not
     named may be touched at rest only."""
@@ -122,7 +106,7 @@ class FailsafeParams:
             checked = {
                 str(part): number_within(f"contact_speed[{part!r}]", speed, 0.0) for part, speed in speeds.items()
             }
-            object.__setattr__(self, "contact_speed", checked)
+            object.__setattr__(self, "contact_speed", _told_once("contact_speed", checked))
         else:
             object.__setattr__(self, "contact_speed", number_within("contact_speed", speeds, 0.0))
         if self.end_speeds is not None:
@@ -149,27 +133,36 @@ class FailsafeParams:
 
     def speed_of(self, part: str) -> float:
         """Speed bound of a body part [m/s], ``end_speeds`` aside: the limbs' unless its name says that it is none."""
-        name = part.casefold()
-        if any(foot in name for foot in FOOT_PARTS):
+        if is_called(part, FOOT_PARTS):
             return max(self.foot_speed, self.limb_speed, self.human_speed)
-        known = any(slow in name for slow in SLOW_PARTS) and not any(limb in name for limb in LIMB_PARTS)
+        known = is_called(part, SLOW_PARTS) and not is_called(part, LIMB_PARTS)
         return self.human_speed if known else max(self.limb_speed, self.human_speed)
 
     def end_speeds_of(self, part: str) -> tuple[float, float]:
         """Speed bounds of start and end of a body part's capsule [m/s]."""
-        known = self.end_speeds or {}
         same = self.speed_of(part)
-        return known.get(part, (same, same))
+        return by_name(self.end_speeds or {}, part) or (same, same)
 
     def acceleration_of(self, part: str) -> float:
         """Acceleration bound of a body part [m/s²]; 0 if there is none."""
         bounds = self.human_acceleration
-        return float(bounds.get(part, 0.0)) if isinstance(bounds, Mapping) else bounds or 0.0
+        return float((by_name(bounds, part) if isinstance(bounds, Mapping) else bounds) or 0.0)
 
     def contact_speed_of(self, part: str) -> float:
         """Allowed speed of the arm when it touches a body part [m/s]."""
         speeds = self.contact_speed
-        return float(speeds.get(part, 0.0)) if isinstance(speeds, Mapping) else speeds
+        return float(by_name(speeds, part) or 0.0) if isinstance(speeds, Mapping) else speeds
+
+    def names_beside(self, parts: Sequence[str]) -> dict[str, list[str]]:
+        """Names in ``end_speeds``, ``human_acceleration`` and ``contact_speed`` that none of these body parts has."""
+        there = {part.casefold() for part in parts}
+        found = {}
+        for field in ("end_speeds", "human_acceleration", "contact_speed"):
+            values = getattr(self, field)
+            beside = [name for name in values if name.casefold() not in there] if isinstance(values, Mapping) else []
+            if beside:
+                found[field] = beside
+        return found
 
     def tolerance_of(self, robot: RobotModel) -> Array:
         """:attr:`state_tolerance` of a robot's joints, rows position, velocity, acceleration, shape (3, n).
@@ -194,6 +187,13 @@ class FailsafeParams:
 _STATE = ("position", "velocity", "acceleration")
 
 
+def _told_once(field: str, values: dict[str, Any]) -> dict[str, Any]:
+    """The mapping, if it names each body part once, whatever the case."""
+    if len({part.casefold() for part in values}) < len(values):
+        raise ParameterError(f"{field} has to name each body part once, upper and lower case are the same: {values!r}")
+    return values
+
+
 def _checked_ends(value: Any) -> dict[str, tuple[float, float]]:
     wanted = "end_speeds has to map names of capsules to their speeds (start, end), positive numbers [m/s]"
     if not isinstance(value, Mapping):
@@ -204,12 +204,13 @@ def _checked_ends(value: Any) -> dict[str, tuple[float, float]]:
         if not (start > 0.0 and end > 0.0):
             raise ParameterError(f"{wanted}; got {speeds!r} for {part!r}")
         found[str(part)] = start, end
-    return found
+    return _told_once("end_speeds", found)
 
 
 def _checked_acceleration(value: Any) -> float | dict[str, float]:
     if isinstance(value, Mapping):
-        return {str(part): positive_number(f"human_acceleration[{part!r}]", bound) for part, bound in value.items()}
+        bounds = {str(part): positive_number(f"human_acceleration[{part!r}]", bound) for part, bound in value.items()}
+        return _told_once("human_acceleration", bounds)
     return positive_number("human_acceleration", value)
 
 

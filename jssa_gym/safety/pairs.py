@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.kernels.derivatives import derivatives
+from jssa_gym.kernels.index import index_values
 from jssa_gym.kernels.records import FRAME, PAIR, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
@@ -38,8 +39,11 @@ class Pairs:
 
     def index(self, d_min: float, lambda1: float, lambda2: float) -> Array:
         r""":math:`\phi` of Eq. (6) of every pair, shape (p,) [m²]."""
-        D, rate, curvature, _ = self.motion.T
-        return d_min * d_min - D * np.abs(D) - lambda1 * rate - lambda2 * curvature
+        parameters = _NO_INDEX.copy()
+        parameters[:3] = d_min, lambda1, lambda2
+        out = np.empty(len(self.motion))
+        index_values(self.motion, parameters, out)
+        return out
 
 
 def measure_pairs(robot: RobotModel, state: Array, people: NDArray) -> Pairs:

@@ -1,21 +1,13 @@
 """What a shield needs of an environment: robot, time step and scene, and actions that are shares of the jerk bounds."""
 
-import logging
-from functools import cache
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from jssa_gym.exceptions import InterfaceError
-from jssa_gym.humans import Crowd, HumanMotion, Recorded, make_human
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields.filter import SafetyFilter
-
-_logger = logging.getLogger("jssa_gym")
-
-_ROUNDING = 1.0 + 1e-9
 
 
 def provider(env: gym.Env, name: str) -> Any:
@@ -68,43 +60,4 @@ def _same_robot(one: RobotModel, other: RobotModel) -> bool:
         and one.links.tobytes() == other.links.tobytes()
         and one.capsules.tobytes() == other.capsules.tobytes()
         and np.array_equal(one.limits.bounds(), other.limits.bounds())
-    )
-
-
-def tell_of_fast_people(env: gym.Env, params: FailsafeParams) -> None:
-    """Say aloud, once, if an environment's people may be faster than a shield assumes.
-
-    Of a recording every end of a capsule is compared with its own bound; of other motions no more is known than how
-    fast the fastest point is, which is compared with the fastest of the bounds.
-    """
-    motion = vars(env.unwrapped).get("human")
-    if isinstance(motion, HumanMotion) and (faster := _faster(motion, params)):
-        say_faster("; ".join(dict.fromkeys(faster)))
-
-
-def _faster(motion: HumanMotion, params: FailsafeParams) -> list[str]:
-    if isinstance(motion, Crowd):
-        return [told for one in motion.motions for told in _faster(one, params)]
-    names = make_human(motion).reset(np.random.default_rng(0)).names
-    bounds = np.array([params.end_speeds_of(name) for name in names], np.float64).reshape(-1, 2)
-    if not isinstance(motion, Recorded):
-        fastest, most = getattr(motion, "speed_bound", 0.0), bounds.max(initial=0.0)
-        told = f"people may move at {fastest:.3g} m/s, {most:g} m/s is assumed"
-        return [told] if fastest > most * _ROUNDING else []
-    speeds = motion.recording.end_speeds
-    worst = (speeds / bounds).argmax(axis=1)
-    return [
-        f"{name} moves at {speed[k]:.3g} m/s, {bound[k]:g} m/s is assumed"
-        for name, speed, bound, k in zip(names, speeds, bounds, worst, strict=True)
-        if speed[k] > bound[k] * _ROUNDING
-    ]
-
-
-@cache  # many environments have the same people
-def say_faster(who: str) -> None:
-    """Say that once."""
-    _logger.warning(
-        "%s: the shield does not believe measurements of faster people, and may stop for them too late. "
-        "FailsafeParams has human_speed, limb_speed, foot_speed and end_speeds.",
-        who,
     )

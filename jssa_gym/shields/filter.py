@@ -16,6 +16,7 @@ from jssa_gym.shields.alarm import Alarm
 from jssa_gym.shields.answers import sound
 from jssa_gym.shields.copying import refuse_shared_memory
 from jssa_gym.shields.offers import Offered, alternatives_of, tell
+from jssa_gym.shields.people import tell_of_unmet_names
 from jssa_gym.shields.reading import Reading, part_of, words_of
 from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.rebasing import rebase
@@ -188,6 +189,7 @@ class SafetyFilter:
     def assumed(self, names: Sequence[str]) -> Assumed:
         """How body parts move, how fast they can reach an arm and how fast it may touch them."""
         params = self.failsafe or FailsafeParams()
+        tell_of_unmet_names(params, names)
         speed = np.array([params.end_speeds_of(name) for name in names], np.float64).reshape(-1, 2)
         touch, acceleration = (
             np.array([of(name) for name in names], np.float64)

@@ -19,11 +19,12 @@ from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
 from jssa_gym.shields.ahead import AheadFilter
-from jssa_gym.shields.environment import provider, refuse_misfit, robot_and_dt, tell_of_fast_people
+from jssa_gym.shields.environment import provider, refuse_misfit, robot_and_dt
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.offers import Offered
 from jssa_gym.shields.options import JSSAOptions
+from jssa_gym.shields.people import tell_of_fast_people
 from jssa_gym.shields.reasons import reason_code
 from jssa_gym.shields.registry import PROFILES, PUBLISHED_FORM, TASK_SHIELD, changed_params, make_filter, read_name
 from jssa_gym.shields.wrappers import refuse_other_actions

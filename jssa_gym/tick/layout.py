@@ -314,7 +314,8 @@ def memory(arms: int, n: int, people: int, statics: int, planes: int) -> Memory:
     """Memory of arms that nothing is known of; see :func:`jssa_gym.tick.decide.start`."""
     tracks = records((arms, people), TRACK)
     tracks["trusted"] = tracks["seen"] = tracks["radius"] = np.nan
-    tracks["stamp"] = tracks["first"] = -np.inf
+    tracks["anchor"] = tracks["anchor_radius"] = np.nan
+    tracks["stamp"] = tracks["first"] = tracks["anchor_stamp"] = -np.inf
     arm = records(arms, MEMORY)
     arm["time"], arm["due"] = np.nan, -np.inf
     arm["people_time"], arm["seen"], arm["resume"] = -np.inf, np.nan, np.nan

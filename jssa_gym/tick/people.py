@@ -22,8 +22,9 @@ def forget_people(memory, e):
         track = memory.tracks[e, k]
         for row in range(4):
             for i in range(3):
-                track["trusted"][row, i] = track["seen"][row, i] = np.nan
+                track["trusted"][row, i] = track["seen"][row, i] = track["anchor"][row, i] = np.nan
         track["radius"], track["stamp"], track["first"] = np.nan, -np.inf, -np.inf
+        track["anchor_radius"], track["anchor_stamp"] = np.nan, -np.inf
         track["steady"] = UNCONFIRMED
 
 

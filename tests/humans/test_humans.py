@@ -135,6 +135,31 @@ def test_arms_begin_at_the_shoulder_and_both_ends_keep_their_speeds(name):
     assert arms >= (0 if name == "none" else 10)
 
 
+def test_no_part_is_faster_than_a_motion_says_of_it(name):
+    assert_parts_keep_their_bounds([HUMANS[name]()] * 6)
+
+
+def test_no_part_of_somebody_steered_is_faster_than_that_says():
+    rng = np.random.default_rng(3)
+    for columns in (2, 3):
+        assert_parts_keep_their_bounds([Steered(rng.uniform(-1.0, 1.0, (6, columns))) for _ in range(6)])
+
+
+def assert_parts_keep_their_bounds(motions):
+    """Each end of each capsule: its speed, and how fast that changes; and the bound of the fastest is no idle one."""
+    for seed, motion in enumerate(motions):
+        seen = walk(motion, seed, steps=600)
+        ends = np.array([[one.start_velocity, one.end_velocity] for one in seen])
+        changes = np.linalg.norm(np.diff(ends, axis=0), axis=-1).max(axis=(0, 1), initial=0.0) / DT
+        for k, part in enumerate(seen[0].names):
+            for row, bound in enumerate(motion.end_speeds_of(part)):
+                assert np.linalg.norm(ends[:, row, k], axis=-1).max() <= bound + 1e-12
+            if (bound := motion.acceleration_of(part)) is not None:
+                assert changes[k] <= bound * (1.0 + 1e-9)
+        said = [bound for part in seen[0].names for bound in motion.end_speeds_of(part)]
+        assert max(said, default=0.0) == motion.speed_bound
+
+
 def test_nothing_moves_faster_than_the_bound(name):
     # from where things are, not from what the velocities say
     motion, fastest = HUMANS[name](), 0.0

@@ -8,11 +8,12 @@ import pytest
 import reference as ref
 
 import jssa_gym
-from jssa_gym.humans import Body, Hand, Recorded, Recording
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans import HUMANS, Body, Hand, HumanMotion, Receive, Recorded, Recording, Steered
 from jssa_gym.humans.body import NAMES
 from jssa_gym.safety.failsafe import ARM_SPEEDS, LEG_SPEEDS, FailsafeParams
 from jssa_gym.shields import NoFilter
-from jssa_gym.shields.environment import say_faster
+from jssa_gym.shields import people as told_of
 from jssa_gym.tick import layout
 from jssa_gym.tick.assumed import assume
 from jssa_gym.types import CapsuleSet, Status
@@ -105,7 +106,8 @@ def test_without_closer_bounds_nothing_is_confined(robot):
 @pytest.fixture
 def untold():
     """Nothing has been said of anybody yet."""
-    say_faster.cache_clear()
+    for say in (told_of.say_faster, told_of.say_brisker, told_of.say_unsaid, told_of.say_unmet):
+        say.cache_clear()
 
 
 def walker(names=NAMES, fastest=3.5):
@@ -152,6 +154,115 @@ def test_people_who_are_too_fast_are_told_of_when_a_verified_stop_is_built(speed
         jssa_gym.Shield(env, "jssa", stop=stop)
     assert ("people may move at 3 m/s, 2 m/s is assumed" in caplog.text) == told
     assert caplog.text.count("m/s is assumed") == told
+
+
+class Stroller(HumanMotion):
+    """Says how fast it is, or nothing; the names of its capsules are the user's own."""
+
+    def __init__(self, names=("Left_Hand", "RightFoot"), speed=None, acceleration=None):
+        self.names = names
+        if speed is not None:
+            self.speed_bound = speed
+        if acceleration is not None:
+            self.acceleration = acceleration
+
+    def reset(self, rng, start=None, person=0):
+        ends, n = np.tile([2.0, 0.0, 1.0], (len(self.names), 1)), len(self.names)
+        still = np.zeros((n, 3))
+        return CapsuleSet(ends, ends, still, still, np.full(n, 0.1), self.names, np.full(n, person))
+
+    def step(self, dt, robot):
+        return self.reset(None)
+
+
+def shielded(human, params=PARAMS):
+    env = gym.make("jssa_gym/Home-v0", human=human, terminate_on=())
+    return jssa_gym.Shield(env, "none", stop=params)
+
+
+@pytest.mark.parametrize(
+    ("human", "told"),
+    [
+        (Stroller(speed=4.0), "people may move at 4 m/s, 2 m/s is assumed"),
+        (Stroller(speed=2.0), ""),
+        (Stroller(("RightFoot",), speed=4.0), ""),
+        (Stroller((*NAMES, "RightFoot"), speed=1.7), "people may move at 1.7 m/s, 1.6 m/s is assumed"),
+        (Receive(speed=(0.5, 2.0)), ""),
+        (Receive(speed=(0.5, 2.1)), "people may move at 2.1 m/s, 2 m/s is assumed"),
+        (Steered([[1.0, 0.0, 1.0]], limb_speed=2.0), ""),
+        (Steered([[1.0, 0.0]], speed=1.9), "people may move at 1.9 m/s, 1.6 m/s is assumed"),
+        (Steered([[1.0, 0.0, 1.0]], speed=1.9), "people may move at 1.9 m/s, 1.6 m/s is assumed"),
+    ],
+)
+def test_people_whose_parts_nobody_tells_apart_are_as_fast_as_the_slowest_may_be(human, told, untold, caplog):
+    shielded([human, "walk_by"])
+    assert caplog.text.count("is assumed") == bool(told)
+    assert told in caplog.text
+
+
+def test_nothing_is_said_of_this_packages_people(untold, caplog):
+    for params in (PARAMS, FailsafeParams(end_speeds=ARM_SPEEDS, human_acceleration={"head": 5.0, "core_body": 5.0})):
+        for name in HUMANS:
+            shielded(name, params).reset(seed=0)
+    assert caplog.text == ""
+
+
+@pytest.mark.parametrize("speed", [None, 0.0, float("nan"), "fast"])
+def test_people_of_no_speed_are_told_of_once(speed, untold, caplog):
+    for _ in range(2):
+        shielded(Stroller(speed=speed))
+    assert caplog.text.count("Stroller does not say how fast its people are") == 1
+    assert "is assumed" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("human", "bound", "told"),
+    [
+        ("pursuit", 4.0, "head may change its velocity at 5 m/s², 4 m/s² is assumed"),
+        ("pursuit", 5.0, ""),
+        ("pursuit", None, ""),
+        ("hand", 4.0, "left_arm may change its velocity at 30 m/s², 4 m/s² is assumed"),
+        ("hand", {"head": 4.0}, ""),
+        (Receive(acceleration=None), {"RIGHT_ARM": 40.0}, "right_arm may change its velocity at inf m/s²"),
+        (Steered([[1.0, 0.0, 1.0]]), {"right_arm": 37.0}, "right_arm may change its velocity at 38 m/s²"),
+        (Stroller(speed=1.0, acceleration=9.0), 8.0, "RightFoot may change its velocity at 9 m/s²"),
+        (Stroller(speed=1.0, acceleration="much"), 8.0, ""),
+    ],
+)
+def test_people_who_may_accelerate_faster_are_told_of_once(human, bound, told, untold, caplog):
+    for _ in range(2):
+        shielded(human, FailsafeParams(human_acceleration=bound))
+    assert len(caplog.records) == bool(told)
+    assert told in caplog.text
+
+
+def test_names_that_nobody_has_are_told_of_once(untold, caplog):
+    params = FailsafeParams(
+        end_speeds={"left_amr": (1.6, 2.0), "Right_Arm": (1.6, 2.0)},
+        human_acceleration={"head": 3.0},
+        contact_speed={"tail": 0.1, "fin": 0.1},
+    )
+    shielded("none", params).reset(seed=0)
+    assert caplog.text == ""
+    env = shielded("walk_by", params)
+    for _ in range(3):
+        env.reset(seed=0)
+    assert len(caplog.records) == 1
+    told = "FailsafeParams: end_speeds names 'left_amr'; contact_speed names 'tail', 'fin', which no capsule is called"
+    assert told in caplog.text
+
+
+def test_bounds_by_name_count_in_any_case():
+    params = FailsafeParams(
+        end_speeds={"Left_ARM": (0.5, 1.0)}, human_acceleration={"HEAD": 3.0}, contact_speed={"left_arm": 0.1}
+    )
+    assert params.end_speeds_of("left_arm") == params.end_speeds_of("LEFT_ARM") == (0.5, 1.0)
+    assert params.acceleration_of("Head") == 3.0
+    assert params.contact_speed_of("Left_Arm") == 0.1
+    assert params.end_speeds_of("right_arm") == (2.0, 2.0)
+    for field, value in (("end_speeds", (1.0, 1.0)), ("human_acceleration", 1.0), ("contact_speed", 1.0)):
+        with pytest.raises(ParameterError, match=f"{field} has to name each body part once"):
+            FailsafeParams(**{field: {"head": value, "Head": value}})
 
 
 def test_bounds_by_end_survive_json():

@@ -1133,7 +1133,12 @@ def test_a_radius_that_changes_at_once_is_not_believed(robot, make_scene):
     ("part", "speed"), [("RightHand", 2.0), ("left_wrist", 2.0), ("thing", 2.0), ("forearm of the body", 2.0),
                         ("body.LeftElbow", 2.0), ("upper_body_right_wrist", 2.0), ("body_index_finger", 2.0),
                         ("Head", 1.6), ("core_body", 1.6), ("left_leg", 1.6), ("LeftKnee", 1.6), ("LeftFoot", 4.8),
-                        ("left_ankle", 4.8), ("toe of the left leg", 4.8), ("forefeet", 4.8), ("right_heel", 4.8)]
+                        ("left_ankle", 4.8), ("toe of the left leg", 4.8), ("forefeet", 4.8), ("right_heel", 4.8),
+                        ("left_lower_leg", 4.8), ("LeftLowerLeg", 4.8), ("lowerleg2", 4.8), ("leg_lower_l", 4.8),
+                        ("shin", 4.8), ("LeftShank", 4.8), ("calf", 4.8), ("calves", 4.8), ("TIBIA", 4.8),
+                        ("left_shoe", 4.8), ("left_sole", 4.8), ("knee", 1.6), ("upper_leg", 1.6), ("thigh", 2.0),
+                        ("left_hip", 1.6), ("LeftHip", 1.6), ("Hips", 1.6), ("hip2", 1.6), ("LHip", 1.6),
+                        ("ship", 2.0), ("whip", 2.0), ("chip_7", 2.0)]
 )  # fmt: skip
 def test_a_part_is_taken_for_fast_unless_its_name_says_that_it_is_not(part, speed):
     assert FailsafeParams().speed_of(part) == speed

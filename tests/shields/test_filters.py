@@ -104,6 +104,10 @@ def test_derivatives_are_those_of_the_motion(robot, random_scene):
     for scene, jerk in scenes(random_scene, 6, motion=0.3):
         pairs = measure_pairs(robot, np.array(scene.robot), agent_records(scene.human))
         index = pairs.index(0.05, 3.0, 0.0)
+        D, rate, curvature, _ = pairs.motion.T
+        for d_min, *lambdas in ((0.05, 3.0, 0.0), (0.03, 0.7, 0.02)):
+            phi = d_min * d_min - D * np.abs(D) - lambdas[0] * rate - lambdas[1] * curvature
+            np.testing.assert_array_equal(pairs.index(d_min, *lambdas), phi)  # to the bit
         for number in range(30):
             pair = divmod(number, 6)
             expected = motion(scene, *pair, jerk)

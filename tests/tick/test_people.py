@@ -281,6 +281,84 @@ def test_a_velocity_beyond_the_speed_bound_and_its_error_has_swerved():
                 assert monitor.steady[1 - row] == STEADY
 
 
+BOUND, OFF = 4.0, 0.05
+"""An acceleration bound [m/s²] and an error of velocity [m/s] that between samples 8 ms apart hides 16 m/s²."""
+
+
+def walked(monitor, velocities, start=0.0, begin=0, thicker=0.0):
+    """Ticks until somebody who moves along x at these velocities, from step to step, has swerved; None for never."""
+    x = start
+    for k, velocity in enumerate(velocities, begin):
+        people = person(x, velocity)
+        people = people._replace(radius=people.radius + thicker * (k - begin) * DT)
+        assert not monitor.update(k * DT, people, ages(), BOTH).fault
+        if SWERVED in monitor.steady:
+            assert monitor.steady == [SWERVED] * 2
+            return k - begin
+        x += velocity * DT
+    assert monitor.steady == [STEADY] * 2
+    return None
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("acceleration", "latest"), [(16.0, 0.016), (8.0, 0.032), (5.0, 0.104), (4.5, 0.208), (4.35, None), (4.0, None)]
+)
+def test_an_acceleration_that_lasts_is_seen_though_neighbouring_samples_hide_it(acceleration, latest, sign):
+    """From bound + 2 error / 0.25 s = 4.4 m/s² on; below that the errors of velocity may explain it."""
+    monitor = HumanMonitor(SPEED, acceleration=BOUND, velocity_error=OFF)
+    count = int(1.9 / (acceleration * DT))
+    assert acceleration * DT < BOUND * DT + 2 * OFF
+    seen = walked(monitor, sign * acceleration * DT * np.arange(count))
+    assert (seen and seen * DT) == (latest and pytest.approx(latest, abs=DT + 1e-9))
+
+
+@pytest.mark.parametrize("stood", range(60, 100, 7))
+def test_who_stood_for_long_may_not_accelerate_the_faster_for_it(stood):
+    """The sample to agree with is no older than 0.25 s, and is another after a reset."""
+    monitor = HumanMonitor(SPEED, acceleration=BOUND, velocity_error=OFF)
+    assert walked(monitor, np.zeros(3 * stood), start=3.0) is None
+    velocities = np.concatenate([np.zeros(stood), 16.0 * DT * np.arange(1, 15)])
+    monitor.reset()
+    assert walked(monitor, velocities) in range(stood, stood + 14)
+
+
+def test_places_and_radii_are_compared_for_as_long_as_velocities():
+    """A velocity that was once off is no excuse: whoever is now as far as it says has moved farther than its bound."""
+    for off, thicker, seen in ((0.045, 0.0, False), (0.09, 0.0, True), (0.045, 0.04, True)):
+        monitor = HumanMonitor(SPEED, acceleration=BOUND, velocity_error=OFF)
+        velocities = np.concatenate([[0.0], off + BOUND * DT * np.arange(1, 30)])
+        assert (walked(monitor, velocities, thicker=thicker) is not None) == seen
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whoever_keeps_the_acceleration_bound_is_never_withdrawn_it(seed):
+    """As hard as it lets them, this way and that; both ends, measured as badly as the errors let them, at any times."""
+    rng, error, time = np.random.default_rng(seed), (0.0, ERROR)[seed % 2], 0.0
+    monitor = HumanMonitor(SPEED, position_error=error, acceleration=BOUND, velocity_error=OFF)
+    place, velocity = person().start + np.array([0.0, 0.0, 0.5]) * np.arange(2)[:, None, None], np.zeros((2, 2, 3))
+    way = np.zeros((2, 2, 3))
+    for k in range(2500):
+        off, noise = (_directions(rng) for _ in range(2))
+        ends, speeds = place + error * noise, velocity + OFF * off
+        people = person()._replace(start=ends[0], end=ends[1], start_velocity=speeds[0], end_velocity=speeds[1])
+        assert not monitor.update(time, people, ages(), BOTH).fault
+        if k % 25 == 0:
+            way = _directions(rng)
+        step = float(rng.uniform(0.1, 2.0)) * DT
+        way[np.linalg.norm(velocity + BOUND * step * way, axis=-1) > SPEED - OFF - 0.05] = 0.0
+        place = place + velocity * step + BOUND * way * step**2 / 2.0
+        velocity, time = velocity + BOUND * step * way, time + step
+    assert np.linalg.norm(velocity, axis=-1).max() > 0.5
+    assert monitor.steady == [STEADY] * 2
+
+
+def _directions(rng):
+    """Unit vectors, of both ends of both capsules."""
+    way = rng.normal(size=(2, 2, 3))
+    return way / np.linalg.norm(way, axis=-1, keepdims=True)
+
+
 def test_a_frozen_sample_ages_however_fresh_it_claims_to_be(monitor):
     monitor.update(0.0, person(0.0, 0.5), ages(), BOTH)
     for k in range(1, 40):

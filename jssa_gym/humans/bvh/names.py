@@ -5,6 +5,7 @@ from collections import Counter
 
 from jssa_gym.exceptions import RecordingError
 from jssa_gym.humans.bvh.skeleton import Skeleton
+from jssa_gym.text import words
 
 JOINTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "head": (("Head",), ("Head",)),
@@ -32,9 +33,6 @@ JOINTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 """The joints that a body part starts and ends at, by the names that they have in common skeletons; the first that is
 there counts. Names are compared as :func:`plain` makes them."""
 
-_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-"""Words of ``RightUpLeg``, ``rUpLeg``, ``R UpLeg``, ``up_leg.R``."""
-
 _BEGINNING = re.compile(r"[^ _.-]+[ _.-]+")
 
 _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
@@ -45,9 +43,9 @@ def plain(name: str) -> str:
 
     ``R UpperArm``, ``upper_arm.R``, ``rUpperArm`` and ``RightUpperArm`` are all ``rightupperarm``.
     """
-    words = [word.casefold() for word in _WORD.findall(name)]
-    side = next((_SIDES[word] for word in words if word in _SIDES), "")
-    rest = [str(int(word)) if word.isdigit() else word for word in words if word not in _SIDES]
+    found = words(name)
+    side = next((_SIDES[word] for word in found if word in _SIDES), "")
+    rest = [str(int(word)) if word.isdigit() else word for word in found if word not in _SIDES]
     return side + "".join(rest)
 
 
