@@ -31,7 +31,7 @@ import numpy as np
 import jssa_gym
 from jssa_gym.control import PacedPath, plan_move
 from jssa_gym.control.inverse import path_is_clear
-from jssa_gym.control.moves import brake_jerk
+from jssa_gym.control.moves import brake_jerk, plan_brake
 from jssa_gym.evaluation.metrics import Summary, summarise
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import InfeasibleError
@@ -74,8 +74,8 @@ STILL = np.array([[np.inf], [5e-3], [0.1]])
 DAMPING, STRIDE = 0.1, 0.025
 """Of the inverse, and of its steps [m]."""
 
-SPARING = 0.7
-"""Share of the acceleration and jerk limits that a retreat takes, as other plans that yield."""
+SPARING, SOFT = 0.7, 0.4
+"""Shares of the acceleration and jerk limits that a retreat takes, as other plans that yield, and a stop."""
 
 NO_PLANES = Planes(np.zeros((0, 3)), np.zeros(0), ())
 
@@ -165,54 +165,60 @@ class Retreating:
         """The action, shape (n,)."""
         scene: Scene = self._env.get_wrapper_attr("scene")
         if scene.time <= self._time:
+            self._place: Array | None = None
             self._path: PacedPath | None = None
             self._tick, self._stood, self._stayed, self._clear = 0, 0, 0, 0
         self._time = scene.time
         self._tick += 1
         state = np.array(scene.robot)
         self._stood = self._stood + 1 if np.all(np.abs(state) < STILL) else 0
-        if self._path is not None:
-            self._go_on(scene, state)
-        if self._path is None:
+        if self._path is not None and self._path.astray(state):
+            self._path = self._stop(scene.robot)  # and stays where that ends
+        if self._place is not None and self._over(scene):
+            self._place, self._path = None, None
+        if self._place is None:
             action = self._policy(observation)
-            if self._stood * self._dt < HELD or self._tick % EVERY:
+            if not self._begins(scene):
                 return action
-            self._begin(scene, scene.robot.position)
-            if self._path is None:
-                return action
+            self._place = scene.robot.position.copy()
+        elif self._path.ended:
+            self._begins(scene)  # again, from where it got to
+        return self._away(scene, state)
+
+    def _away(self, scene: Scene, state: Array) -> Array:
+        """The action on a retreat: on along its path."""
         self._env.get_wrapper_attr("offer")(Unhurried(self._path))
-        jerks = self._path.alternatives(state, np.inf)
-        limits = self._robot.limits
+        limits, jerks = self._robot.limits, self._path.alternatives(state, np.inf)
         jerk = jerks[0] if len(jerks) else brake_jerk(scene.robot, limits, self._dt)
         return np.clip(jerk / limits.jerk, -1.0, 1.0)
 
-    def _begin(self, scene: Scene, place: Array) -> None:
-        """Begin a retreat from ``place`` (n,), if there is a reason and a way."""
-        found = plan_retreat(self._robot, scene, self._dt)
-        if found is not None:
-            self._path, self._place = found, np.array(place)
-            self._stayed, self._clear = 0, 0
-            self.begun += 1
+    def _stop(self, state: JointState) -> PacedPath:
+        """A stop from any state, as soft as the shield's softest if it can be."""
+        full = self._robot.limits
+        soft = JointLimits(full.position, full.velocity, SOFT * full.acceleration, SOFT * full.jerk)
+        plan = plan_brake(state, soft, self._dt)
+        return PacedPath(plan if plan.keeps(soft) else plan_brake(state, full, self._dt), full)
 
-    def _go_on(self, scene: Scene, state: Array) -> None:
-        """End a retreat that is over, or that the shield has led the arm off."""
-        path = self._path
-        if path.astray(state):
-            self._path = None
-            return
-        if not path.ended:
-            return
+    def _begins(self, scene: Scene) -> bool:
+        """Begin a retreat if the arm has stood, there is a reason and a way."""
+        if self._stood * self._dt < HELD or self._tick % EVERY:
+            return False
+        found = plan_retreat(self._robot, scene, self._dt)
+        if found is None:
+            return False
+        self._path, self._stayed, self._clear = found, 0, 0
+        self.begun += 1
+        return True
+
+    def _over(self, scene: Scene) -> bool:
+        """Whether the arm has stayed away for long enough and may go on."""
+        if not self._path.ended:
+            return False
         self._stayed += 1
-        if self._tick % EVERY:
-            return
-        free = predicted_touch(self._robot, self._place, scene.human) is None
-        self._clear = self._clear + EVERY if free else 0
-        if self._stayed * self._dt < DWELL:
-            return
-        if self._clear * self._dt >= CLEAR:
-            self._path = None
-        elif self._stood * self._dt >= HELD:
-            self._begin(scene, self._place)  # even here
+        if self._tick % EVERY == 0:
+            free = predicted_touch(self._robot, self._place, scene.human) is None
+            self._clear = self._clear + EVERY if free else 0
+        return self._stayed * self._dt >= DWELL and self._clear * self._dt >= CLEAR
 
 
 # ---- split -------------------------------------------------------------------------------------------
