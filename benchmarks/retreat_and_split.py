@@ -65,6 +65,9 @@ WAYS = (0.05, 0.10, 0.20)
 HELD, DWELL, CLEAR = 0.2, 0.5, 0.3
 """For how long the arm has stood, how long it stays away at least, for how long its place has to be clear [s]."""
 
+PATIENCE = 4.0
+"""Longest absence, and for how long there is no other after one that was so long [s]."""
+
 EVERY = 5
 """Ticks between two predictions."""
 
@@ -168,6 +171,7 @@ class Retreating:
             self._place: Array | None = None
             self._path: PacedPath | None = None
             self._tick, self._stood, self._stayed, self._clear = 0, 0, 0, 0
+            self._left, self._returned, self._pause = 0, -np.inf, 0.0
         self._time = scene.time
         self._tick += 1
         state = np.array(scene.robot)
@@ -175,12 +179,12 @@ class Retreating:
         if self._path is not None and self._path.astray(state):
             self._path = self._stop(scene.robot)  # and stays where that ends
         if self._place is not None and self._over(scene):
-            self._place, self._path = None, None
+            self._place, self._path, self._returned = None, None, self._tick
         if self._place is None:
             action = self._policy(observation)
-            if not self._begins(scene):
+            if (self._tick - self._returned) * self._dt < self._pause or not self._begins(scene):
                 return action
-            self._place = scene.robot.position.copy()
+            self._place, self._left = scene.robot.position.copy(), self._tick
         elif self._path.ended:
             self._begins(scene)  # again, from where it got to
         return self._away(scene, state)
@@ -218,6 +222,10 @@ class Retreating:
         if self._tick % EVERY == 0:
             free = predicted_touch(self._robot, self._place, scene.human) is None
             self._clear = self._clear + EVERY if free else 0
+        if (self._tick - self._left) * self._dt >= PATIENCE:
+            self._pause = PATIENCE  # who has followed for so long will go on to
+            return True
+        self._pause = 0.0
         return self._stayed * self._dt >= DWELL and self._clear * self._dt >= CLEAR
 
 
