@@ -4,8 +4,8 @@ Two things that were tried and are not part of the package; see "Tried, and what
 
 Retreat: an arm that holds, or is blocked, and that people at constant velocity would touch within a second, chooses the
 smallest of 5, 10 and 20 cm away from where they would, along the damped inverse of the Jacobian, that leaves it
-untouched: a move from rest to rest, clear of what stands still, which it offers the shield and keeps to. It goes on
-with what it did once that has been clear for 0.3 s. It only proposes: what is applied the shield has verified.
+untouched and is over by then: a move from rest to rest, clear of what stands still, which it offers the shield and
+keeps to. It goes on with what it did once that has been clear for 0.3 s, or after 4 s. It only proposes: what is applied the shield has verified.
 
 Split: of the approach, what is the arm's own counts by one lambda and what is the person's by another,
 
@@ -83,8 +83,16 @@ SPARING, SOFT = 0.7, 0.4
 NO_PLANES = Planes(np.zeros((0, 3)), np.zeros(0), ())
 
 
-def predicted_touch(robot: RobotModel, posture: Array, people: CapsuleSet) -> Proximity | None:
-    """The first moment within the horizon at which people at constant velocity touch the arm at rest in a posture."""
+class Touch(NamedTuple):
+    """Where people at constant velocity would touch an arm at rest, and when."""
+
+    near: Proximity
+    after: float
+    """[s]."""
+
+
+def predicted_touch(robot: RobotModel, posture: Array, people: CapsuleSet) -> Touch | None:
+    """The first touch within the horizon of an arm at rest in a posture, shape (n,) [rad]."""
     rest = JointState(posture, *np.zeros((2, robot.n)))
     fastest = max(np.abs(v).max(initial=0.0) for v in (people.start_velocity, people.end_velocity)) * np.sqrt(3.0)
     if measure(robot, rest, people, NO_PLANES).smallest > GAP + HORIZON * fastest:
@@ -95,7 +103,7 @@ def predicted_touch(robot: RobotModel, posture: Array, people: CapsuleSet) -> Pr
         )
         near = measure(robot, rest, moved, NO_PLANES)
         if near.smallest < GAP:
-            return near
+            return Touch(near, float(t))
     return None
 
 
@@ -115,22 +123,22 @@ def away(robot: RobotModel, posture: Array, near: Proximity, way: float) -> Arra
 
 
 def plan_retreat(robot: RobotModel, scene: Scene, dt: float) -> PacedPath | None:
-    """The smallest retreat that leaves the arm untouched, if somebody would touch it; None if there is none."""
+    """The smallest retreat that leaves the arm untouched, if somebody would touch it, and is over by then; or None."""
     posture = scene.robot.position
-    near = predicted_touch(robot, posture, scene.human)
-    if near is None or near.points is None:
+    touch = predicted_touch(robot, posture, scene.human)
+    if touch is None:
         return None
     full = robot.limits
     spared = JointLimits(full.position, full.velocity, SPARING * full.acceleration, SPARING * full.jerk)
     for way in WAYS:
-        goal = away(robot, posture, near, way)
+        goal = away(robot, posture, touch.near, way)
         if predicted_touch(robot, goal, scene.human) is not None:
             continue
         try:
             plan = plan_move(posture, goal, spared, dt)
         except InfeasibleError:
             continue
-        if path_is_clear(robot, plan.states[:, 0], scene.planes, scene.static, 0.01):
+        if plan.duration <= touch.after and path_is_clear(robot, plan.states[:, 0], scene.planes, scene.static, 0.01):
             return PacedPath(plan, full)
     return None
 
