@@ -412,7 +412,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--only", default="", help="cells whose names have this in them")
     args = parser.parse_args()
-    print("| task | people | policy | shield | ok, untouched | ok | touched | moving | jumps, shield % | all % | retreats |")
+    print(
+        "| task | people | policy | shield | ok, untouched | ok | touched | moving | jumps, shield % | all % | retreats |"
+    )
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     for cell in PARTS[args.part]():
         if args.only in " ".join(cell):
