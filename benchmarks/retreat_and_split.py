@@ -144,26 +144,6 @@ def plan_retreat(robot: RobotModel, scene: Scene, dt: float) -> PacedPath | None
     return None
 
 
-class Unhurried:
-    """A retreat as the shield is offered it: at its own pace, however little room there is, for it leads out of it."""
-
-    def __init__(self, path: PacedPath) -> None:
-        self._path = path
-
-    @property
-    def override(self) -> float:
-        """Always 1."""
-        return self._path.override
-
-    def alternatives(self, state: Array, margin: float) -> Array:
-        """The path's own pace first."""
-        return self._path.alternatives(state, np.inf)
-
-    def took(self, choice: int) -> None:
-        """Pass it on."""
-        self._path.took(choice)
-
-
 class Retreating:
     """A policy that steps aside while it stands in somebody's way; else it is another one."""
 
@@ -194,14 +174,14 @@ class Retreating:
             if (self._tick - self._returned) * self._dt < self._pause or not self._begins(scene):
                 return action
             self._place, self._left = scene.robot.position.copy(), self._tick
-        elif self._path.ended:
+        elif self._path.ended or self._stood:
             self._begins(scene)  # again, from where it got to
         return self._away(scene, state)
 
     def _away(self, scene: Scene, state: Array) -> Array:
         """The action on a retreat: on along its path."""
-        self._env.get_wrapper_attr("offer")(Unhurried(self._path))
-        limits, jerks = self._robot.limits, self._path.alternatives(state, np.inf)
+        self._env.get_wrapper_attr("offer")(self._path)
+        limits, jerks = self._robot.limits, self._path.alternatives(state, self._path.margin)
         jerk = jerks[0] if len(jerks) else brake_jerk(scene.robot, limits, self._dt)
         return np.clip(jerk / limits.jerk, -1.0, 1.0)
 
@@ -225,7 +205,7 @@ class Retreating:
 
     def _over(self, scene: Scene) -> bool:
         """Whether the arm has stayed away for long enough and may go on."""
-        if not self._path.ended:
+        if not (self._path.ended or self._stood):
             return False
         self._stayed += 1
         if self._tick % EVERY == 0:
