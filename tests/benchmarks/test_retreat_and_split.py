@@ -47,7 +47,7 @@ def ways_out(robot, posture, someone):
 
 def test_the_smallest_retreat_is_chosen_that_leaves_the_arm_untouched(alone):
     robot, scene, dt = alone
-    someone, posture = ball(tool(robot, scene) + [0.35, 0.0, 0.13], [-0.2, 0.0, 0.0]), scene.robot.position
+    someone, posture = ball(np.add(tool(robot, scene), [0.35, 0.0, 0.13]), [-0.2, 0.0, 0.0]), scene.robot.position
     ends = ways_out(robot, posture, someone)
     path = plan_retreat(robot, scene._replace(human=someone), dt)
     assert sorted(ends) == [0.1, 0.2]
@@ -58,14 +58,14 @@ def test_the_smallest_retreat_is_chosen_that_leaves_the_arm_untouched(alone):
 
 def test_there_is_no_retreat_that_would_not_be_over_in_time(alone):
     robot, scene, dt = alone
-    someone = ball(tool(robot, scene) + [0.35, 0.0, 0.13], [-0.3, 0.0, 0.0])
+    someone = ball(np.add(tool(robot, scene), [0.35, 0.0, 0.13]), [-0.3, 0.0, 0.0])
     assert list(ways_out(robot, scene.robot.position, someone)) == [0.2]
     assert plan_retreat(robot, scene._replace(human=someone), dt) is None
 
 
 def test_nobody_is_retreated_from_who_goes_away(alone):
     robot, scene, dt = alone
-    someone = ball(tool(robot, scene) + [0.4, 0.0, 0.0], [1.0, 0.0, 0.0])
+    someone = ball(np.add(tool(robot, scene), [0.4, 0.0, 0.0]), [1.0, 0.0, 0.0])
     assert plan_retreat(robot, scene._replace(human=someone), dt) is None
 
 
@@ -76,7 +76,7 @@ def test_the_split_adds_the_persons_share_of_the_approach_where_a_miss_is_small(
     arm = tool(robot, scene)
 
     def added(velocity):
-        people = agent_records(ball(arm + [0.6, 0.0, 0.0], velocity))
+        people = agent_records(ball(np.add(arm, [0.6, 0.0, 0.0]), velocity))
         pairs = measure_pairs(robot, state, people)
         return filter.extra(people, pairs)[pairs.closest], pairs.motion[pairs.closest, 1]
 
@@ -85,5 +85,5 @@ def test_the_split_adds_the_persons_share_of_the_approach_where_a_miss_is_small(
     assert added([1.0, 0.0, 0.0])[0] == 0.0
     assert added([-1.0, 3.0, 0.0])[0] == 0.0  # comes nearer, and passes far off
     plain = SplitFilter(robot, dt, dataclasses.replace(filter.params, theirs=0.4))
-    people = agent_records(ball(arm + [0.6, 0.0, 0.0], [-1.0, 0.0, 0.0]))
+    people = agent_records(ball(np.add(arm, [0.6, 0.0, 0.0]), [-1.0, 0.0, 0.0]))
     assert not plain.extra(people, measure_pairs(robot, state, people)).any()
