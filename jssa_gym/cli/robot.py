@@ -50,6 +50,8 @@ class Check:
     """Home posture, one number a joint [rad]; the file's keyframe, or looked for."""
     limits: Path | None = None
     """Table of velocity, acceleration and jerk limits, TOML; the one beside the file, or a guess that says so."""
+    units_checked: bool = False
+    """Lengths, ranges and velocities that look like another unit's are right."""
     write: Path | None = None
     """Folder for the prepared model, for `--robot FOLDER`."""
     prove: bool = True
@@ -69,6 +71,7 @@ class Check:
             self.tool,
             self.home,
             self.limits,
+            self.units_checked,
             _packages(self.package),
         )
         console = Terminal(stderr=True)

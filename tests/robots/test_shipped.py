@@ -11,6 +11,7 @@ from jssa_gym.kernels.chain import forward
 from jssa_gym.kernels.records import FRAME
 from jssa_gym.policies import POLICIES
 from jssa_gym.robots import ROBOTS, make_robot
+from jssa_gym.robots.prepare import examine
 from jssa_gym.robots.prepare.agreement import cover_of
 
 # UR: "DH parameters for calculations of kinematics and dynamics", a, d, alpha of the UR5e, standard convention
@@ -90,7 +91,7 @@ def test_limits_are_the_published_ones():
 @pytest.mark.parametrize("name", ROBOTS)
 def test_what_is_drawn_lies_in_capsules(name, caplog):
     robot = ROBOTS[name]()
-    assert cover_of(robot) == 0.0
+    assert cover_of(examine(robot.mjcf), robot) == 0.0
     assert robot.uncovered == ()
     assert not caplog.records
 
