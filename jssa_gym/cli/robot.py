@@ -80,7 +80,8 @@ class Check:
             arm = examine(self.file, preparation)
         proof = None
         if self.write is not None and not arm.obstacles:
-            writable_folder(self.write)
+            # a new folder appears when all of it is there
+            writable_folder(self.write if self.write.exists() else self.write.parent)
             write_prepared(arm, self.write)
             if self.prove:
                 with transient(console) as progress:

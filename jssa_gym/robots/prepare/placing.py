@@ -19,8 +19,8 @@ arm is moved there [m]."""
 _SMALLEST, _LARGEST = 0.2, 5.0
 """Reaches of arms [m]; what lies beyond was hardly written in metres."""
 
-_NARROW, _WIDE = 0.2, 4.04 * np.pi
-"""Widths of position ranges below and above which the unit is asked about [rad]; arms that turn twice are common."""
+_NARROW, _WIDE = 0.2, 16.0
+"""Widths of position ranges below and above which the unit is asked about [rad]; wrists with ±400° are common."""
 
 _FAST = 20.0
 """Velocity limit above which the unit is asked about [rad/s]."""
