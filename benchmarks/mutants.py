@@ -37,6 +37,7 @@ MARGIN = "tests/kernels/test_margin.py"
 MOVED = "tests/evaluation/test_motion.py"
 PREPARE = "tests/robots/test_prepare.py"
 ENCLOSE = "tests/robots/test_enclose.py"
+GUARANTEES = "tests/robots/test_prepare_guarantees.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -678,6 +679,34 @@ MUTANTS = [
         "kept = link.found if own <= TOLERATED else ()",
         "kept = link.found",
         (PREPARE, "kept_and_others"),
+    ),
+    Mutant(
+        "boxes in the capsules' group count as measured",
+        "robots/coverage.py",
+        "return (model.geom_group == group) & np.isin(model.geom_type, (kinds.mjGEOM_CAPSULE, kinds.mjGEOM_SPHERE))",
+        "return model.geom_group == group",
+        (GUARANTEES, "check_accepts or is_written_holds"),
+    ),
+    Mutant(
+        "between corners nothing is looked at",
+        "robots/prepare/enclose.py",
+        "        if not np.any(still):\n            return worst",
+        "        return worst",
+        (GUARANTEES, "balls_at_the_ends"),
+    ),
+    Mutant(
+        "what is written is not compared with the file",
+        "robots/prepare/writing.py",
+        "            _agree(arm, make_robot(unfinished))\n",
+        "",
+        (GUARANTEES, "does_not_hold_its_file"),
+    ),
+    Mutant(
+        "the reader of models is not asked",
+        "robots/prepare/examine.py",
+        "        findings += _refused(source)",
+        "        pass",
+        (GUARANTEES, "check_accepts"),
     ),
     Mutant(
         "an arm without capsules on some links is taken",

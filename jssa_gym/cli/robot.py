@@ -50,6 +50,8 @@ class Check:
     """Home posture, one number a joint [rad]; the file's keyframe, or looked for."""
     limits: Path | None = None
     """Table of velocity, acceleration and jerk limits, TOML; the one beside the file, or a guess that says so."""
+    units_checked: bool = False
+    """Lengths, ranges and velocities that look like another unit's are right."""
     write: Path | None = None
     """Folder for the prepared model, for `--robot FOLDER`."""
     prove: bool = True
@@ -69,6 +71,7 @@ class Check:
             self.tool,
             self.home,
             self.limits,
+            self.units_checked,
             _packages(self.package),
         )
         console = Terminal(stderr=True)
@@ -77,7 +80,8 @@ class Check:
             arm = examine(self.file, preparation)
         proof = None
         if self.write is not None and not arm.obstacles:
-            writable_folder(self.write)
+            # a new folder appears when all of it is there
+            writable_folder(self.write if self.write.exists() else self.write.parent)
             write_prepared(arm, self.write)
             if self.prove:
                 with transient(console) as progress:

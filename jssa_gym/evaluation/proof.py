@@ -61,7 +61,7 @@ class Proof:
     kinematic_error: float
     """Largest distance of joints and axes from MuJoCo's on the file itself [m]."""
     uncovered: float
-    """Farthest drawn corner of a link outside of its own capsules in the written model, as it is read [m]."""
+    """Farthest point of what the file draws of a link outside of its capsules in the model as it is read [m]."""
     parts: tuple[Ability, ...]
     episodes: tuple[Episode, ...]
 
@@ -85,7 +85,7 @@ def prove(arm: Examination, robot: RobotModel, steps: int = STEPS, opponents: tu
     """
     return Proof(
         kinematic_error(arm, robot),
-        cover_of(robot),
+        cover_of(arm, robot),
         _parts(robot),
         tuple(_play(robot, name, seed, steps) for seed, name in enumerate(opponents)),
     )

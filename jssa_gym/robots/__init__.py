@@ -83,6 +83,11 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
         return replace(make_robot(prepared_folder(robot)), name=robot)
     if isinstance(robot, str | Path) and (Path(robot) / PREPARED).is_file():
         robot = Path(robot) / PREPARED
+    if isinstance(robot, str | Path) and Path(robot).suffix == ".urdf":
+        raise ParameterError(
+            f"{Path(robot).name} is a URDF, and a robot is an MJCF file: `jssa-gym robot check {robot} --write DIR` "
+            "makes a folder of it that can be named instead"
+        )
     if not isinstance(robot, str | Path) or Path(robot).suffix != ".xml":
         raise ParameterError(
             f"unknown robot {robot!r}; valid: a RobotModel, an MJCF file (.xml), a folder of `jssa-gym robot check "

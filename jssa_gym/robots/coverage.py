@@ -79,7 +79,7 @@ def coverage(
     """
     import mujoco
 
-    data, measured = mujoco.MjData(model), model.geom_group == group
+    data, measured = mujoco.MjData(model), measured_geoms(model, group)
     link, found = _link_of_geom(model, link_of_body), []
     capsules = np.flatnonzero((link >= 0) & measured)
     for i, joint in enumerate(joints):
@@ -101,6 +101,12 @@ def coverage(
         arm = float((anywhere + radius).max(initial=0.0))
         found.append(Coverage(i, tuple(geoms.tolist()), tuple(own.tolist()), alone, joined, arm))
     return found
+
+
+def measured_geoms(model: "mujoco.MjModel", group: int) -> NDArray[np.bool_]:
+    """Which geoms distances are measured with: capsules and spheres of a group; all others are drawn, shape (g,)."""
+    kinds = _kinds()
+    return (model.geom_group == group) & np.isin(model.geom_type, (kinds.mjGEOM_CAPSULE, kinds.mjGEOM_SPHERE))
 
 
 def check_coverage(
@@ -159,7 +165,7 @@ def _base(
     """What the base draws, and how far the farthest point of it lies outside of all capsules, at home [m]."""
     import mujoco
 
-    data, link, measured = mujoco.MjData(model), _link_of_geom(model, link_of_body), model.geom_group == group
+    data, link, measured = mujoco.MjData(model), _link_of_geom(model, link_of_body), measured_geoms(model, group)
     # no part of an arm
     grounds = (model.geom_type == _kinds().mjGEOM_PLANE) | (model.geom_type == _kinds().mjGEOM_HFIELD)
     geoms = np.flatnonzero((link < 0) & ~measured & ~grounds)

@@ -77,10 +77,7 @@ def _prepare(file: Path, origin: Origin, name: str, folder: Path) -> None:
     """Whole or not there: two processes may begin at once."""
     from jssa_gym.robots.prepare import Preparation, examine, write_prepared
 
-    table = PUBLISHED / f"{name.removeprefix('menagerie_')}.toml"
-    if not table.is_file():
-        table = Path(__file__).parent / "assets" / f"{name.removeprefix('menagerie_')}.limits.toml"
-    wanted = Preparation(("all",), origin.keep, limits=table if table.is_file() else None)
+    wanted = Preparation(("all",), origin.keep, limits=_table(name))
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent) as unfinished:
         made = write_prepared(examine(file, wanted), Path(unfinished) / name)
@@ -92,10 +89,18 @@ def _prepare(file: Path, origin: Origin, name: str, folder: Path) -> None:
             shutil.rmtree(made)
 
 
+def _table(name: str) -> Path | None:
+    """Limits of an arm from public data; None if there are none."""
+    name = name.removeprefix("menagerie_")
+    places = (PUBLISHED / f"{name}.toml", Path(__file__).parent / "assets" / f"{name}.limits.toml")
+    return next((place for place in places if place.is_file()), None)
+
+
 def _digest(file: Path, name: str) -> str:
     """What changes with the arm's files and with what prepares them."""
     here = Path(__file__).parent
-    sources = [*sorted((here / "prepare").glob("*.py")), here / "limits.py", *sorted(PUBLISHED.glob(f"{name}.toml"))]
+    sources = [*sorted((here / "prepare").glob("*.py")), here / "coverage.py", here / "limits.py"]
+    sources += [table] if (table := _table(name)) is not None else []
     digest = hashlib.sha256()
     for path in (*sources, *sorted(path for path in file.parent.rglob("*") if path.is_file())):
         digest.update(path.name.encode() + path.read_bytes())

@@ -2,15 +2,16 @@
 
 import numpy as np
 
-from jssa_gym.kernels.chain import forward
-from jssa_gym.kernels.records import FRAME, records
-from jssa_gym.robots.coverage import coverage
+from jssa_gym.kernels.chain import forward, place
+from jssa_gym.kernels.records import FRAME, SEGMENT, records
+from jssa_gym.robots.coverage import measured_geoms
 from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
 from jssa_gym.robots.model import RobotModel
 from jssa_gym.robots.prepare.anatomy import zero_pose
+from jssa_gym.robots.prepare.enclose import Enclosure, Solid, farthest_out
 from jssa_gym.robots.prepare.examine import Examination
 from jssa_gym.robots.prepare.posture import some_postures
-from jssa_gym.robots.serial import serial_joints
+from jssa_gym.robots.prepare.surface import drawn
 
 _LOOKED_AT = 200
 """Postures that are compared."""
@@ -41,15 +42,36 @@ def kinematic_error(arm: Examination, robot: RobotModel) -> float:
     return worst
 
 
-def cover_of(robot: RobotModel) -> float:
-    """Farthest drawn corner of a link outside of its own capsules [m]; 0 if all lie inside.
+def cover_of(arm: Examination, robot: RobotModel) -> float:
+    """Farthest point of what the file draws of a link outside of that link's capsules in a model of it [m].
 
-    Links that the model says are uncovered do not count; inf if another one draws something and has none.
+    Every geom of the file counts, in every group, but for its own capsules where it draws something else; fingers on
+    slides at both ends of their way. 0 if all lies inside; links that the model says are uncovered do not count; inf
+    if another one draws something and has no capsules.
     """
     import mujoco
 
-    model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
-    joints = serial_joints(model)
-    links = coverage(model, joints, carrier_links(model, joints), np.array(robot.home), COLLISION_GROUP)
-    spared = {i for i, name in enumerate(robot.joint_names) if name in robot.uncovered}
-    return max((link.own if link.capsules else link.joined for link in links if link.link not in spared), default=0.0)
+    model, joints = arm.source.model, list(arm.chain.joints)
+    n, m = robot.n, len(robot.capsules)
+    frames, segments = records(n, FRAME), records(m, SEGMENT)
+    forward(robot.links, np.zeros((3, n)), frames)
+    place(frames, robot.capsules, segments)
+    carriers, measured = carrier_links(model, joints), measured_geoms(model, COLLISION_GROUP)
+    kinds, worst = mujoco.mjtGeom, 0.0
+    grounds = np.isin(model.geom_type, (kinds.mjGEOM_PLANE, kinds.mjGEOM_HFIELD))
+    for i, name in enumerate(robot.joint_names):
+        geoms = [g for g in range(model.ngeom) if carriers[int(model.geom_bodyid[g])] == i and not grounds[g]]
+        if name in robot.uncovered or all(measured[g] for g in geoms):
+            continue
+        own = [
+            Enclosure(one["start"] - frames["origin"][i], one["end"] - frames["origin"][i], float(one["radius"]))
+            for one in segments[segments["link"] == i]
+        ]
+        for share in (None, 0.0, 1.0) if i == n - 1 else (None,):
+            data = zero_pose(model, arm.chain, share)
+            for g in geoms:
+                if not measured[g]:
+                    triangles, radius = drawn(model, data, g)
+                    solid = Solid(triangles - data.xanchor[joints[i]], np.full(len(triangles), radius))
+                    worst = max(worst, farthest_out(solid, own))
+    return worst

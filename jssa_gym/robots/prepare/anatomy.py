@@ -1,7 +1,7 @@
 """An arm's links as they stand while every joint is at zero: axes, what they draw, what they weigh."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.records import LINK, records
+from jssa_gym.robots.coverage import measured_geoms
 from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
 from jssa_gym.robots.prepare.chain import Chain, name_of, ranges
 from jssa_gym.robots.prepare.enclose import Enclosure, Solid, joined
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 _TOOLS = ("tcp", "attachment", "ee", "grip", "grasp", "pinch", "tool", "flange")
 """Words in the names of sites and bodies that are a tool's, the first that is found counts."""
+
+STOUT = 0.35
+"""Share of the arm's reach up to which a base is enclosed in a column."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +64,8 @@ class Anatomy:
     base: Solid | None
     """What the base draws, in the world [m]."""
     base_geoms: tuple[int, ...]
+    bystanders: tuple[str, ...]
+    """Geoms that no joint of the arm moves and that are none of its base's: names."""
     tool: Array
     """Tool centre point in the last link's frame, shape (3,) [m]."""
     tool_name: str
@@ -124,14 +130,11 @@ def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None) -
     geometry["axis"] = [data.xaxis[j] for j in chain.joints]
     carriers, parts = carrier_links(model, list(chain.joints)), _parts(model, chain)
     where = np.array([carriers[int(body)] for body in model.geom_bodyid])
-    measured = model.geom_group == COLLISION_GROUP
+    measured = measured_geoms(model, COLLISION_GROUP)
     links = []
     for i, j in enumerate(chain.joints):
         bodies = [b for b in range(1, model.nbody) if carriers[b] == i]
-        geoms = np.flatnonzero((where == i) & ~measured)
-        if not len(geoms):  # a file that shows its collision shapes only
-            geoms = np.flatnonzero((where == i) & ~_capsular(model))
-        found = np.flatnonzero((where == i) & measured & _capsular(model))
+        geoms, found = np.flatnonzero((where == i) & ~measured), np.flatnonzero((where == i) & measured)
         links.append(
             Link(
                 model.body(model.jnt_bodyid[j]).name or f"body {model.jnt_bodyid[j]}",
@@ -143,19 +146,33 @@ def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None) -
                 float(model.dof_armature[model.jnt_dofadr[j]]),
             )
         )
-    base = np.array([g for g in range(model.ngeom) if where[g] < 0 and int(model.geom_bodyid[g]) in parts], int)
-    base = base[~measured[base] & ~_ground(model)[base]]
     point, said = _tool(model, data, chain, carriers, tool)
-    return Anatomy(
+    arm = Anatomy(
         tuple(name_of(model, j) for j in chain.joints),
         geometry,
         ranges(model, chain.joints),
         tuple(links),
-        _solid(model, poses[:1], base, np.zeros(3)),
-        tuple(base.tolist()),
+        None,
+        (),
+        (),
         point - anchors[-1],
         said,
     )
+    still = [g for g in range(model.ngeom) if where[g] < 0 and not _ground(model)[g]]
+    base = [g for g in still if int(model.geom_bodyid[g]) in parts or _under(model, data, g, arm)]
+    others = tuple(model.geom(g).name or f"geom {g}" for g in still if g not in base)
+    solid = _solid(model, poses[:1], np.array(base, int), np.zeros(3))
+    return replace(arm, base=solid, base_geoms=tuple(base), bystanders=others)
+
+
+def _under(model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, arm: Anatomy) -> bool:
+    """Whether a geom of the world itself is a pedestal: about the first joint's axis, and below it."""
+    if model.geom_bodyid[geom]:
+        return False
+    triangles, radius = drawn(model, data, geom)
+    away = triangles - arm.chain["offset"][0]
+    wide = float(np.hypot(away[..., 0], away[..., 1]).max()) + radius
+    return wide <= STOUT * arm.reach and float(away[..., 2].min()) - radius < 0.0
 
 
 def _parts(model: "mujoco.MjModel", chain: Chain) -> set[int]:
@@ -164,12 +181,6 @@ def _parts(model: "mujoco.MjModel", chain: Chain) -> set[int]:
     while model.body_parentid[body]:
         body = int(model.body_parentid[body])
     return {b for b in range(1, model.nbody) if model.body_rootid[b] == body}
-
-
-def _capsular(model: "mujoco.MjModel") -> NDArray[np.bool_]:
-    import mujoco
-
-    return np.isin(model.geom_type, (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_SPHERE)))
 
 
 def _ground(model: "mujoco.MjModel") -> NDArray[np.bool_]:

@@ -42,8 +42,9 @@ def find_chain(
     """Find the chain of hinges from the base up to the first branch.
 
     What is no hinge, and what lies beyond the branch, has to be frozen; so has, unless it is kept, a last hinge that
-    looks like a jaw. Where the base itself branches, the branch with at least three hinges and more than twice as many
-    as any other is the arm.
+    looks like a jaw. A branch with at least three hinges and more than twice as many as any other carries the arm on:
+    springs and rods beside it do not end it. Where none is, and more hinges follow than there were before, it has to be
+    said which is the arm; the longest is looked at meanwhile.
 
     Args:
         model: The compiled file.
@@ -53,7 +54,7 @@ def find_chain(
 
     Raises:
         ParameterError: A name is none of the file.
-        RobotModelError: No hinge is left.
+        RobotModelError: No hinge is left, or none carries the tip.
     """
     import mujoco
 
@@ -69,20 +70,19 @@ def find_chain(
         raise RobotModelError("the file has no hinge joint that may move; expected a serial arm of hinges")
     joints, findings = _to_tip(model, hinges, tip) if tip else _to_branch(model, hinges)
     if not joints:
-        raise RobotModelError(
-            "several arms branch off before the first joint, and none is the longest by far; give --tip BODY, the last "
-            f"body of one: {_ends(model, hinges)}"
-        )
-    if not tip and (jaw := _jaw(model, joints, keep)) is not None:
-        if free:
-            findings.append(repaired(_joint(model, jaw), "looks like a jaw", "it is frozen"))
-            joints = joints[:-1]
-        else:
-            name = name_of(model, jaw)
-            text = "is the last hinge and looks like a jaw, which would be one more joint of the arm"
-            findings.append(obstacle(_joint(model, jaw), text, f"give --freeze {name}, or --keep {name}"))
+        raise RobotModelError(f"no hinge carries body '{tip}'; arms end at {_ends(model, hinges)}")
+    jaw = None if tip else _jaw(model, joints, keep)
+    if jaw is not None and free:
+        findings.append(repaired(_joint(model, jaw), "looks like a jaw" + _referring(model, jaw), "it is frozen"))
+        joints = joints[:-1]
+    elif jaw is not None:
+        name = name_of(model, jaw)
+        text = "is the last hinge and looks like a jaw, which would be one more joint of the arm"
+        findings.append(obstacle(_joint(model, jaw), text, f"give --freeze {name}, or --keep {name}"))
     frozen = [j for j in range(model.njnt) if j not in joints]
     for j in frozen:
+        if j == jaw:
+            continue  # of which has been said all
         text = f"is a {mujoco.mjtJoint(model.jnt_type[j]).name[6:].lower()}"
         text += " beyond the arm's last joint or beside the arm" if model.jnt_type[j] == hinge else ""
         text += _referring(model, j)
@@ -136,7 +136,7 @@ def _to_tip(model: "mujoco.MjModel", hinges: list[int], tip: str) -> tuple[list[
 
 
 def _to_branch(model: "mujoco.MjModel", hinges: list[int]) -> tuple[list[int], list[FileFinding]]:
-    """Follow hinges from body to body until several ways lead on."""
+    """Follow hinges from body to body until several ways lead on and none of them is the arm."""
     below: dict[int, list[int]] = {}
     for body in range(1, model.nbody):
         below.setdefault(int(model.body_parentid[body]), []).append(body)
@@ -156,11 +156,18 @@ def _to_branch(model: "mujoco.MjModel", hinges: list[int]) -> tuple[list[int], l
             return joints, findings
         (longest, onward), *others = reach
         if others:
-            if joints or longest < max(_LONG, 2 * others[0][0] + 1):
+            best, left = others[0][0], ", ".join(f"'{model.body(b).name}'" for _, b in others)
+            by_far = longest >= max(_LONG, 2 * best + 1) and not _looks(model, own.get(onward, []))
+            if not by_far and longest <= len(joints):
                 return joints, findings
-            left = ", ".join(f"'{model.body(b).name}'" for _, b in others)
-            text = f"is taken for the arm: {longest} hinges follow it, at most {others[0][0]} each follow {left}"
-            findings.append(FileFinding(f"body '{model.body(onward).name}'", text, "give --tip BODY for another one"))
+            subject = f"body '{model.body(onward).name}'"
+            text = f"is taken for the arm: {longest} hinges follow it, at most {best} each follow {left}"
+            if by_far:
+                findings.append(FileFinding(subject, text, "give --tip BODY for another one"))
+            else:
+                text = f"is one of several arms that branch off: {longest} hinges follow it, at most {best} {left}"
+                advice = f"give --tip BODY, the last body of one: {_ends(model, hinges)}"
+                findings.append(obstacle(subject, text, advice))
         body = onward
         joints += own.get(body, [])
 
@@ -174,9 +181,13 @@ def _ends(model: "mujoco.MjModel", hinges: list[int]) -> str:
 def _jaw(model: "mujoco.MjModel", joints: list[int], keep: Sequence[str]) -> int | None:
     """The last hinge if its name, or that of its body, is one of a jaw's."""
     last = joints[-1]
-    words = f"{model.joint(last).name} {model.body(model.jnt_bodyid[last]).name}".casefold()
-    looks = len(joints) > 1 and any(word in words for word in _JAWS)
-    return last if looks and name_of(model, last) not in keep else None
+    return last if len(joints) > 1 and _looks(model, [last]) and name_of(model, last) not in keep else None
+
+
+def _looks(model: "mujoco.MjModel", joints: Sequence[int]) -> bool:
+    """Whether one of some joints, or its body, has a jaw's name."""
+    names = [f"{model.joint(j).name} {model.body(model.jnt_bodyid[j]).name}".casefold() for j in joints]
+    return any(word in name for name in names for word in _JAWS)
 
 
 def _referring(model: "mujoco.MjModel", joint: int) -> str:

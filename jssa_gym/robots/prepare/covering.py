@@ -9,13 +9,10 @@ from jssa_gym.robots.coverage import coverage, fault_of_cover
 from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
 from jssa_gym.robots.prepare.anatomy import Anatomy, Link
 from jssa_gym.robots.prepare.chain import Chain
-from jssa_gym.robots.prepare.enclose import Enclosure, Solid, enclose, outside
+from jssa_gym.robots.prepare.enclose import TOLERATED, Enclosure, Solid, enclose, farthest_out
 from jssa_gym.robots.prepare.findings import FileFinding
 from jssa_gym.robots.prepare.reading import ArmFile
 from jssa_gym.types import Array
-
-TOLERATED = 1e-3
-"""How far what a link draws may lie outside of its capsules [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +24,7 @@ class Cover:
     found: tuple[str, ...]
     """Names of the capsules that the file gives it."""
     own: float
-    """Farthest drawn corner outside of those [m]; inf without any, 0 if all lie inside or nothing is drawn."""
+    """Farthest drawn point outside of those [m]; inf without any, 0 if all lie inside or nothing is drawn."""
     arm: float
     """The same outside of all capsules of the file, in the posture with all joints at 0 [m]."""
     kept: tuple[Enclosure, ...]
@@ -35,11 +32,16 @@ class Cover:
     capsules: tuple[Enclosure, ...]
     """Those of the prepared model."""
     left: float
-    """Farthest drawn corner outside of these [m]; negative where all lie inside; inf for uncovered links."""
+    """Farthest drawn point outside of these [m]; negative where all lie inside; inf for uncovered links."""
+
+    @property
+    def named_by_file(self) -> bool:
+        """Whether its capsules are those of the file, and have names there."""
+        return self.capsules is self.kept and not any(name.startswith("geom ") for name in self.found)
 
     def named(self) -> list[tuple[str, Enclosure]]:
         """The capsules of the prepared model with names: those of the file where it gives them, else the link's."""
-        if self.capsules == self.kept and not any(name.startswith("geom ") for name in self.found):
+        if self.named_by_file:
             return list(zip(self.found, self.capsules, strict=True))
         several = len(self.capsules) > 1
         return [(self.body + (f"_{k + 1}" if several else ""), one) for k, one in enumerate(self.capsules)]
@@ -59,7 +61,8 @@ def cover_links(
     """
     model, joints = source.model, list(chain.joints)
     looked = coverage(model, joints, carrier_links(model, joints), model.qpos0, COLLISION_GROUP)
-    accepted = {link.link for link in looked if not fault_of_cover(link)}
+    # a link that turns inside the one before it needs no capsules; what is in none of all keeps no file
+    accepted = {one.link for one in looked if not fault_of_cover(one) and (one.arm <= TOLERATED or not one.capsules)}
     offsets = anatomy.chain["offset"].cumsum(axis=0)
     everywhere = [
         Enclosure(start + offset, end + offset, radius)
@@ -78,17 +81,12 @@ def cover_links(
 def _cover(joint: str, link: Link, offset: Array, everywhere: list[Enclosure], uncovered: bool) -> Cover:
     if link.solid is None:
         return Cover(joint, link.body, link.names, 0.0, 0.0, link.found, link.found, -np.inf)
-    corners, radii = _corners(link.solid)
-    own = float(outside(corners, radii, list(link.found)).max())
-    arm = float(outside(corners + offset, radii, everywhere).max())
+    own = farthest_out(link.solid, list(link.found))
+    arm = farthest_out(Solid(link.solid.triangles + offset, link.solid.radius), everywhere)
     kept = link.found if own <= TOLERATED else ()
     capsules = () if uncovered else kept or tuple(enclose(link.solid))
-    left = float(outside(corners, radii, list(capsules)).max())
+    left = farthest_out(link.solid, list(capsules))
     return Cover(joint, link.body, link.names, max(own, 0.0), max(arm, 0.0), kept, capsules, left)
-
-
-def _corners(solid: Solid) -> tuple[Array, Array]:
-    return solid.triangles.reshape(-1, 3), np.repeat(solid.radius, 3)
 
 
 def _told(cover: Cover, accepted: bool) -> FileFinding | None:
@@ -99,8 +97,8 @@ def _told(cover: Cover, accepted: bool) -> FileFinding | None:
         return FileFinding(subject, text)
     if cover.own <= TOLERATED and cover.found:
         return None
-    more = f"{len(cover.capsules)} capsule{'s' if len(cover.capsules) > 1 else ''} of radius "
-    more += ", ".join(f"{1e3 * capsule.radius:.0f}" for capsule in cover.capsules) + " mm enclose it"
+    more = f"--write makes {len(cover.capsules)} capsule{'s' if len(cover.capsules) > 1 else ''} of radius "
+    more += ", ".join(f"{1e3 * capsule.radius:.0f}" for capsule in cover.capsules) + " mm around it"
     remedy = f"{more}, or give --uncovered {cover.body}"
     if cover.found:
         text = f"reaches {1e3 * cover.own:.0f} mm out of its own capsules and {1e3 * cover.arm:.0f} mm out of all"

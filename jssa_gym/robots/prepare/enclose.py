@@ -12,6 +12,9 @@ from jssa_gym.types import Array
 MARGIN = 5e-4
 """Added to every radius [m]: rounding of files, and of single precision in meshes."""
 
+TOLERATED = 1e-3
+"""How far what is drawn may lie outside of the capsules that are to hold it [m]."""
+
 _MOST = 3
 """Capsules that a link gets at most."""
 
@@ -23,6 +26,12 @@ _FILLED = 0.45
 
 _ROUGH, _FINE = 100, 400
 """Capsules that are looked at along one axis: to compare cuts, and to keep."""
+
+_EXACT = 1e-4
+"""How well it is known how far a shape lies outside of capsules [m]."""
+
+_HALVINGS = 12
+"""How often a triangle's edges are halved at most to find that out; 0.4 m become 0.2 mm."""
 
 _CUTS = (0.3, 0.5, 0.7)
 """Where along an axis a shape is cut to be enclosed by parts."""
@@ -127,6 +136,33 @@ def outside(points: Array, radii: Array, capsules: list[Enclosure]) -> Array:
         share = np.clip((points - start) @ way / max(float(way @ way), 1e-30), 0.0, 1.0)
         nearest = np.minimum(nearest, np.linalg.norm(points - start - share[:, None] * way, axis=1) - radius)
     return nearest + radii
+
+
+def farthest_out(solid: Solid, capsules: list[Enclosure]) -> float:
+    """How far the farthest point of a shape lies outside of the nearest of some capsules, to 0.1 mm [m].
+
+    Negative if all corners lie inside; inf without capsules. Several capsules together are not convex: between corners
+    that lie in different ones a triangle may reach out, so it is divided until its corners say what lies between.
+    """
+    if not capsules:
+        return np.inf
+    triangles, radius, worst, open_up_to = solid.triangles, solid.radius, -np.inf, -np.inf
+    for _ in range(_HALVINGS):
+        corners, radii = triangles.reshape(-1, 3), np.repeat(radius, 3)
+        each = np.array([outside(corners, radii, [one]).reshape(-1, 3) for one in capsules])
+        worst = max(worst, float(each.min(axis=0).max()))
+        # the distance from one capsule is convex: at no point of a triangle is it larger than at its corners
+        bound = each.max(axis=2).min(axis=0)
+        still = bound > max(worst, 0.0) + _EXACT
+        if not np.any(still):
+            return worst
+        triangles, radius, open_up_to = triangles[still], radius[still], float(bound[still].max())
+        a, b, c = np.moveaxis(triangles, 1, 0)
+        ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
+        quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(one, axis=1) for one in quarters])
+        radius = np.tile(radius, 4)
+    return open_up_to
 
 
 def _fitted(local: Array, radii: Array, x: Array) -> tuple[Array, Array, float]:

@@ -9,13 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.kernels.records import CAPSULE
+from jssa_gym.robots import make_robot
 from jssa_gym.robots.limits import LimitTable, guess_limits, read_limits
 from jssa_gym.robots.prepare.anatomy import Anatomy, anatomy_of
 from jssa_gym.robots.prepare.chain import Chain, find_chain
 from jssa_gym.robots.prepare.covering import Cover, cover_links
 from jssa_gym.robots.prepare.enclose import Enclosure
 from jssa_gym.robots.prepare.findings import FileFinding, obstacle, repaired
-from jssa_gym.robots.prepare.placing import base_column, placed, size_findings
+from jssa_gym.robots.prepare.placing import base_column, placed, unit_findings
 from jssa_gym.robots.prepare.posture import Looked, all_pairs, find_home, look, rounded, some_postures, useless
 from jssa_gym.robots.prepare.reading import ArmFile, read_source
 from jssa_gym.types import Array
@@ -39,6 +40,8 @@ class Preparation:
     """Home posture [rad]."""
     limits: Path | None = None
     """Table of limits; None for the one beside the file, or a guess."""
+    units_checked: bool = False
+    """Whether lengths, ranges and velocities that look like another unit's are right."""
     packages: Mapping[str, Path] = field(default_factory=dict)
     """Folders of packages that a URDF names."""
 
@@ -73,9 +76,17 @@ class Examination:
 
     def named_capsules(self) -> list[tuple[str, int, Enclosure]]:
         """Name, link and shape of every capsule of the prepared model."""
-        named = [] if self.column is None else [("base_column", 0, self.column)]
+        # a link may have the name of a capsule that the file gives another one
+        taken = {name for cover in self.covers if cover.named_by_file for name in cover.found}
+        named = []
+        if self.column is not None:
+            named.append((_unused("base_column", taken), 0, self.column))
+            taken.add(named[0][0])
         for i, cover in enumerate(self.covers):
-            named += [(name, i, capsule) for name, capsule in cover.named()]
+            for name, capsule in cover.named():
+                unique = name if cover.named_by_file else _unused(name, taken)
+                taken.add(unique)
+                named.append((unique, i, capsule))
         return named
 
 
@@ -94,24 +105,53 @@ def examine(path: str | Path, preparation: Preparation | None = None) -> Examina
     source = read_source(path, wanted.packages)
     chain = find_chain(source.model, wanted.freeze, wanted.keep, wanted.tip)
     anatomy = anatomy_of(source.model, chain, wanted.tool)
-    findings = [*source.findings, *chain.findings, *size_findings(anatomy)]
+    stated: list[FileFinding] = []
+    limits = _limits(source, anatomy, wanted, stated)
+    findings = [*source.findings, *chain.findings]
+    findings += [] if wanted.units_checked else unit_findings(anatomy, limits, source.path)
     anatomy, moved = placed(anatomy)
     findings += moved
+    text = f"is that of '{anatomy.tool_name}'"
     if not anatomy.tool_name:
         text = "is the origin of the last link: no site or body of it has the name of a tool"
-        findings.append(FileFinding("the tool centre point", text, "give --tool NAME for another"))
-    covers = cover_links(source, chain, anatomy, wanted.uncovered, findings)
-    column, told = base_column(anatomy)
-    findings += told
-    limits = _limits(source, anatomy, wanted, findings)
+    findings.append(FileFinding("the tool centre point", text, "give --tool NAME for another"))
+    covers = cover_links(source, chain, anatomy, (*wanted.uncovered, *limits.uncovered), findings)
+    column, told = base_column(anatomy, covers[0].kept)
+    findings += [*told, *_bystanders(anatomy), *stated]
     looked = Examination(source, wanted, chain, anatomy, covers, column, (), np.zeros(0), limits, ())
     home, excluded = _posed(looked, findings)
     unknown = [name for name in wanted.uncovered if name not in _names(anatomy)]
     if unknown:
         raise ParameterError(f"no link {unknown[0]!r}; there are {', '.join(_names(anatomy))}")
+    if all(finding.fits for finding in findings):
+        findings += _refused(source)
     return Examination(
         source, wanted, chain, anatomy, covers, column, excluded, home, limits, tuple(dict.fromkeys(findings))
     )
+
+
+def _refused(source: ArmFile) -> list[FileFinding]:
+    """What the reader of models says against the file itself."""
+    try:
+        make_robot(source.path)
+    except (RobotModelError, ParameterError) as error:
+        return [repaired(source.path.name, f"is not taken as it is: {error}", "--write makes a model that is")]
+    return []
+
+
+def _bystanders(anatomy: Anatomy) -> list[FileFinding]:
+    """What stands about and is no part of the arm."""
+    if not (names := anatomy.bystanders):
+        return []
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    text = "of the file, which no joint of the arm moves and its base does not hold, is neither measured nor avoided"
+    return [FileFinding(", ".join(f"'{name}'" for name in names[:3]) + more, text)]
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    """A name that is not taken: itself, or with the first number that makes it another one."""
+    others = (f"{name} {k}" for k in range(2, len(taken) + 3))
+    return next(one for one in (name, *others) if one not in taken)
 
 
 def _names(anatomy: Anatomy) -> list[str]:
@@ -157,8 +197,9 @@ def _posed(arm: Examination, findings: list[FileFinding]) -> tuple[Array, tuple[
     if stated is not None:
         dropped |= look(anatomy.chain, capsules, pairs, anatomy.tool, stated[None]).own[0] <= 0.0
     excluded = tuple((named[i][0], named[j][0]) for i, j in pairs[dropped])
-    for (one, other), share in zip(excluded, (looked.own < 0.0).mean(axis=0)[dropped], strict=True):
-        text = f"overlap in {100.0 * share:.0f} % of all postures" + ("" if stated is None else ", or at home")
+    often = useless(looked.own)[dropped]
+    for (one, other), share, most in zip(excluded, (looked.own < 0.0).mean(axis=0)[dropped], often, strict=True):
+        text = f"overlap in {100.0 * share:.0f} % of all postures" if most else "overlap at home"
         findings.append(FileFinding(f"capsules '{one}' and '{other}'", text, "they are no self-collision"))
     home = stated
     if home is None:

@@ -64,9 +64,10 @@ def all_pairs(link: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def some_postures(ranges: Array) -> Array:
-    """Postures all over the ranges, shape (k, n) [rad]; always the same."""
-    low, high = np.maximum(ranges[:, 0], -np.pi), np.minimum(ranges[:, 1], np.pi)
-    low, high = np.where(low < high, low, ranges[:, 0]), np.where(low < high, high, ranges[:, 1])
+    """Postures all over the ranges, one turn about the middle of wider ones, shape (k, n) [rad]; always the same."""
+    middle, half = ranges.mean(axis=1), np.ptp(ranges, axis=1) / 2.0
+    low = np.where(half > np.pi, middle - np.pi, ranges[:, 0])
+    high = np.where(half > np.pi, middle + np.pi, ranges[:, 1])
     return np.random.default_rng(0).uniform(low, high, (_POSTURES, len(ranges)))
 
 

@@ -2,7 +2,7 @@
 
 import io
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +23,9 @@ _LIGHTEST = 1e-6
 
 _TURN = 2.0 * np.pi
 """Range given to a joint that turns without end, in both directions [rad]."""
+
+_FOLDERS = ("meshdir", "assetdir")
+"""Attributes of MuJoCo's own section of a URDF that say where meshes are."""
 
 _LARGEST = 2**28
 """Size from which no mesh is read [bytes]."""
@@ -115,9 +118,11 @@ def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> Ar
         child.get("link") for one in root.iter("joint") if one.get("type") != "fixed" for child in one.iter("child")
     }
     light = [one for one in root.iter("link") if one.get("name") in moving and one.find("inertial") is None]
-    for own in root.findall("mujoco"):
-        root.remove(own)
-    settings = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
+    settings = root.find("mujoco/compiler")
+    if settings is None:
+        settings = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
+    for folder in _FOLDERS:  # where meshes were looked for already
+        settings.attrib.pop(folder, None)
     # the meshes are at hand under new names; what is drawn stays, and so do the links' names
     settings.attrib |= {"strippath": "true", "discardvisual": "false", "fusestatic": "false", "balanceinertia": "true"}
     settings.attrib |= {"boundmass": str(_LIGHTEST), "boundinertia": str(_LIGHTEST), "autolimits": "true"}
@@ -146,9 +151,6 @@ def _limits(root: ET.Element, findings: list[FileFinding]) -> dict[str, float]:
             limit = ET.SubElement(joint, "limit") if limit is None else limit
             limit.attrib |= {"lower": str(-_TURN), "upper": str(_TURN)}
             findings.append(endless(name))
-        for coupled in joint.findall("mimic"):
-            text = f"follows joint '{coupled.get('joint')}'"
-            findings.append(repaired(f"joint '{name}'", text, "its own motion is left out unless it is frozen"))
     return velocity
 
 
@@ -172,29 +174,36 @@ def _gather_meshes(
     """Content of the meshes by the new names that they get; shapes that cannot be read are taken out, and said."""
     assets: dict[str, bytes] = {}
     replaced: list[str] = []
+    own = next(({**one.attrib} for one in root.iterfind("mujoco/compiler")), {})
+    folders = [path.parent / own[name] for name in _FOLDERS if name in own]
     for link in root.iter("link"):
         lost: list[str] = []
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            mesh = shape.find("geometry/mesh")
-            if mesh is None:
-                continue
-            uri = mesh.get("filename", "")
-            found = _resolve(uri, path, packages)
-            if found is None or found.suffix.lower() not in (".stl", ".obj"):
-                lost.append(_lost(uri, found, packages))
-                link.remove(shape)
-                continue
-            name = f"{len(assets)}{found.suffix.lower()}"
-            assets[name] = _content(found)
-            mesh.set("filename", name)
-        if link.find("visual") is not None or link.find("collision") is not None:
+        whole = set()
+        for kind in ("visual", "collision"):
+            shapes, before = link.findall(kind), len(lost)
+            for shape in shapes:
+                mesh = shape.find("geometry/mesh")
+                if mesh is None:
+                    continue
+                uri = mesh.get("filename", "")
+                found = _resolve(uri, path, packages, folders)
+                if found is None or found.suffix.lower() not in (".stl", ".obj"):
+                    lost.append(_lost(uri, found, packages))
+                    link.remove(shape)
+                    continue
+                name = f"{len(assets)}{found.suffix.lower()}"
+                assets[name] = _content(found)
+                mesh.set("filename", name)
+            if shapes and len(lost) == before:
+                whole.add(kind)
+        if whole:
             replaced += lost
         elif lost:
-            advice = "nothing else says where it is; convert it to STL or OBJ, or say where it is"
+            advice = "nothing else says where all of it is; convert it to STL or OBJ, or say where it is"
             findings.append(obstacle(f"link '{link.get('name')}'", f"draws {'; '.join(dict.fromkeys(lost))}", advice))
     if replaced:
         more = f" and {len(replaced) - 1} more like it" if len(replaced) > 1 else ""
-        advice = "the links' other shapes, of <collision> or <visual>, stand for them"
+        advice = "the links' other shapes, all those of <collision> or of <visual>, stand for them"
         findings.append(repaired(path.name, f"draws {replaced[0]}{more}", advice))
     return assets
 
@@ -208,20 +217,33 @@ def _lost(uri: str, found: Path | None, packages: Mapping[str, Path]) -> str:
     return f"{uri}, which is not there"
 
 
-def _resolve(uri: str, path: Path, packages: Mapping[str, Path]) -> Path | None:
-    """The file that a mesh's address means; None where there is none."""
+def _resolve(uri: str, path: Path, packages: Mapping[str, Path], folders: Sequence[Path] = ()) -> Path | None:
+    """The file that a mesh's address means; None where there is none.
+
+    Args:
+        uri: Its address.
+        path: Of the URDF.
+        packages: Folders by the packages' names.
+        folders: Where the URDF says to MuJoCo that meshes are.
+    """
     parts = urlparse(uri)
+    named, rest = parts.netloc, unquote(parts.path).lstrip("/")
     if parts.scheme == "package":
-        package, rest = parts.netloc, unquote(parts.path).lstrip("/")
-        if package in packages:
-            places = [Path(packages[package]) / rest]
+        if named in packages:
+            places = [Path(packages[named]) / rest]
         else:
-            places = [folder / package / rest for folder in path.parents]
+            places = [folder / named / rest for folder in path.parents]
             places += [folder / rest for folder in path.parents]
-    elif parts.scheme in ("", "file"):
-        places = [path.parent / unquote(parts.path if parts.scheme else uri)]
+    elif parts.scheme == "file":
+        # the address of a file has no host: what stands in its place is a folder, as in file://meshes/arm.stl
+        places = [Path("/", rest)] if not named else []
+        places.append(path.parent / named / rest)
+    elif not parts.scheme:
+        places = [path.parent / uri, *(folder / uri for folder in folders)]
     else:
         places = []
+    # MuJoCo itself takes but the name of a file, and looks for it there
+    places += [folder / Path(rest).name for folder in folders]
     return next((place for place in places if place.is_file()), None)
 
 

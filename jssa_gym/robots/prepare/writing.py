@@ -1,19 +1,22 @@
 """A prepared arm as files: an MJCF of its own, the meshes that it draws, and a table of limits."""
 
 import json
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from jssa_gym.exceptions import RobotModelError
+from jssa_gym.exceptions import RobotModelError, StorageError
 from jssa_gym.kernels.chain import forward
 from jssa_gym.kernels.records import FRAME, records
+from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.robots.limits import LIMITS
 from jssa_gym.robots.mjcf import COLLISION_GROUP
+from jssa_gym.robots.prepare.agreement import cover_of, kinematic_error
 from jssa_gym.robots.prepare.anatomy import zero_pose
-from jssa_gym.robots.prepare.enclose import Enclosure
+from jssa_gym.robots.prepare.enclose import TOLERATED, Enclosure
 from jssa_gym.robots.prepare.examine import Examination
 from jssa_gym.robots.prepare.posture import some_postures
 from jssa_gym.robots.prepare.reading import stl
@@ -25,6 +28,12 @@ if TYPE_CHECKING:
 
 MODEL = "robot.xml"
 """Name of the model's file in a prepared folder."""
+
+LIMITS_OF_MODEL = str(Path(MODEL).with_suffix(".limits.toml"))
+"""Name of its table of limits."""
+
+MOVED = 1e-12
+"""How far a joint of the written model may be from where the file has it [m]."""
 
 _GEAR = 0.1
 """Inertia of a drive, as a share of the largest that it moves, where the file states none."""
@@ -46,21 +55,54 @@ def write_prepared(arm: Examination, folder: str | Path) -> Path:
     """Write an examined arm into a folder, as ``robot=FOLDER`` reads it.
 
     Raises:
-        RobotModelError: Something has to be decided first; the message lists all of it.
+        RobotModelError: Something has to be decided first, the message lists all of it; or what was written does not
+            move as the file says, or does not hold what it draws. Then nothing is left of it.
         StorageError: It cannot be written.
     """
     if arm.obstacles:
         raise RobotModelError("; ".join(map(str, arm.obstacles)))
     folder = Path(folder)
-    meshes = folder / "meshes"
-    meshes.mkdir(parents=True, exist_ok=True)
-    assets, drawn = _visuals(arm, meshes)
-    write_whole(folder / Path(MODEL).with_suffix(".limits.toml"), _limits(arm))
-    write_whole(folder / MODEL, _model(arm, assets, drawn))
-    for old in meshes.glob("drawn_*.stl"):  # of an arm that was there before
-        if int(old.stem.removeprefix("drawn_")) >= len(assets):
-            old.unlink()
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder if folder.is_dir() else folder.parent) as made:
+            unfinished = Path(made) / "robot"
+            meshes = unfinished / "meshes"
+            meshes.mkdir(parents=True)
+            assets, drawn = _visuals(arm, meshes)
+            write_whole(unfinished / LIMITS_OF_MODEL, _limits(arm))
+            write_whole(unfinished / MODEL, _model(arm, assets, drawn))
+            _agree(arm, make_robot(unfinished))
+            _put(unfinished, folder)
+    except OSError as error:
+        raise StorageError(f"cannot write to {folder}: {error}") from error
     return folder
+
+
+def _agree(arm: Examination, robot: RobotModel) -> None:
+    """Refuse a model that is another arm than the file's, or measures less."""
+    if (error := kinematic_error(arm, robot)) > MOVED:
+        raise RobotModelError(f"the prepared arm's joints are {error:.1e} m from where {arm.source.path.name} has them")
+    if (out := cover_of(arm, robot)) > TOLERATED:
+        raise RobotModelError(
+            f"what {arm.source.path.name} draws reaches {1e3 * out:.1f} mm out of the prepared arm's capsules"
+        )
+
+
+def _put(made: Path, folder: Path) -> None:
+    """A finished folder in its place; where one is already, its model is the last that is replaced."""
+    if not folder.exists():
+        made.replace(folder)
+        return
+    meshes = folder / "meshes"
+    meshes.mkdir(exist_ok=True)
+    names = {mesh.name for mesh in (made / "meshes").iterdir()}
+    for name in names:
+        (made / "meshes" / name).replace(meshes / name)
+    for name in (LIMITS_OF_MODEL, MODEL):
+        (made / name).replace(folder / name)
+    for old in meshes.glob("drawn_*.stl"):  # of an arm that was there before
+        if old.name not in names:
+            old.unlink()
 
 
 def _numbers(values: Array) -> str:
@@ -228,8 +270,6 @@ def _limits(arm: Examination) -> str:
     lines += [f"{name} = [{', '.join(f'{value:.10g}' for value in getattr(table, name))}]" for name in LIMITS]
     lines.append(f"guessed = {json.dumps(list(table.guessed))}")
     lines.append(f"source = {json.dumps(table.source)}")
-    wanted = set(arm.preparation.uncovered)
-    pairs = zip(arm.anatomy.joints, arm.anatomy.links, strict=True)
-    uncovered = [joint for joint, link in pairs if wanted & {joint, link.body}]
+    uncovered = [cover.joint for cover in arm.covers if cover.left == np.inf]
     lines.append(f"uncovered = {json.dumps(uncovered)}  # links about which nothing is promised")
     return "\n".join(lines) + "\n"
