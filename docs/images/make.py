@@ -21,7 +21,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "jssa_gym", *sweep.split(), folder], check=True)
         Path(folder, "map.png").replace(HERE / "lambda_map.png")
-    small = [frame.resize((1200, round(1200 * frame.height / frame.width)), Image.Resampling.LANCZOS) for frame in frames]
+    small = [
+        frame.resize((1200, round(1200 * frame.height / frame.width)), Image.Resampling.LANCZOS) for frame in frames
+    ]
     # every second frame: 12.5 a second, the film's own speed
     small[0].save(HERE / "demo.webp", save_all=True, append_images=small[2::2], duration=80, loop=0, quality=70)
 

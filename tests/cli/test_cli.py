@@ -28,7 +28,8 @@ SHORT = ("demo", "--seconds", "0.4")
 
 def check_metrics(path):
     summaries = json.loads(path.read_text())
-    assert [summary["name"] for summary in summaries] == ["no shield", "as published", "JSSAShield", "profile yield"]
+    names = ["no shield", "as published", "JSSAShield", "profile yield"]
+    assert [summary["name"] for summary in summaries] == names
     for summary in summaries:
         assert list(summary) == list(Summary.__dataclass_fields__)
         assert summary["ep_len"] == 50
