@@ -44,8 +44,8 @@ class FailsafeParams:
         contact_speed: What the arm's touching point may have in a contact [m/s], for all body parts or by name.
         state_tolerance: How far a reading of the joints' position, velocity and acceleration may be from where the
             applied jerks must have led [rad, rad/s, rad/s²], each for all joints or one a joint.
-        graded: Whether the arm is slowed down by and by where only a harder stop is verified, or where what a filter wants leaves
-            people less than 5 cm.
+        graded: Whether the arm is slowed down by and by where only a harder stop is verified, or where what a filter
+            wants leaves people less than 5 cm.
 
     Raises:
         ParameterError: A number is negative or not finite, or a speed, ``max_age`` or an acceleration is not positive.
