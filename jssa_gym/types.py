@@ -21,7 +21,7 @@ class Status(IntEnum):
     NOMINAL = 0
     """The policy's own values, forwarded untouched."""
     PROJECTED = 1
-    """The nearest jerk that satisfies box and rows; of the kind ``graded``, that one slowed down where room is little."""
+    """The nearest jerk that satisfies box and rows; of the kind ``graded``, that one slowed where room is little."""
     RELAXED = 2
     """Box and rows exclude each other: the least violation inside the box."""
     FAILSAFE = 3
