@@ -66,12 +66,12 @@ def test_demo_films_and_prints_json(tmp_path, here):
         assert stream.codec_context.name == "h264"
         assert float(stream.average_rate) == 25.0
     assert len(pictures) == 10
-    assert pictures[0].shape == (480 + 30 + 14, 3 * 480, 3)
+    assert pictures[0].shape == (480 + 30 + 14 + 46, 4 * 480, 3)
     for picture in pictures:
-        for column in np.split(picture, 3, axis=1):
-            assert column[30:-14].std() > 10.0
+        for column in np.split(picture, 4, axis=1):
+            assert column[30:-60].std() > 10.0
             # a yellow arm in every column
-            red, green, blue = (column[30:-14, :, i].astype(int) for i in range(3))
+            red, green, blue = (column[30:-60, :, i].astype(int) for i in range(3))
             assert ((red > 120) & (green > 80) & (blue < green / 2)).mean() > 0.005
 
 

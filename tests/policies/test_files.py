@@ -800,7 +800,7 @@ class TestEvaluation:
     def test_the_demo_shows_a_policy_on_its_task(self, reach, saved, tmp_path):
         Demo(policy=str(saved), seconds=0.4, video=False, out=tmp_path / "demo").run()
         runs = json.loads((tmp_path / "demo" / "metrics.json").read_text())
-        assert [run["name"] for run in runs] == ["no shield", "as published", "JSSAShield"]
+        assert [run["name"] for run in runs] == ["no shield", "as published", "JSSAShield", "profile yield"]
         assert (tmp_path / "demo" / "profile.png").exists()
         save_policy(saved, learned(reach, task="laundry"))
         with pytest.raises(ParameterError, match="does not say which of home, reach"):
