@@ -49,7 +49,7 @@ def compare(task: str, human: str, names: tuple[str, ...], filter: str, args: ar
         env, good, touched, fastest, told = build(task, human, ASSUMED[name], filter), 0, 0, 0.0, []
         for seed in range(args.seed, args.seed + args.episodes):
             observation, info = env.reset(seed=seed)
-            policy, contact, success = jssa_gym.POLICIES["jpc"](env.unwrapped, seed), False, False
+            policy, contact, success = jssa_gym.POLICIES["jpc_paper"](env.unwrapped, seed), False, False
             for _ in range(500):
                 observation, _, terminated, truncated, info = env.step(policy(observation))
                 told.append(int(info["shield/status"]))
@@ -88,7 +88,7 @@ def cost(task: str, human: str, episodes: int) -> None:
         policies, seen = {}, {}
         for name, env in envs.items():
             seen[name], _ = env.reset(seed=seed)
-            policies[name] = jssa_gym.POLICIES["jpc"](env.unwrapped, seed)
+            policies[name] = jssa_gym.POLICIES["jpc_paper"](env.unwrapped, seed)
         for _, (name, env) in itertools.product(range(400), envs.items()):
             seen[name], *_ = env.step(policies[name](seen[name]))
     base = np.median(spent["one speed"])

@@ -21,7 +21,7 @@ from jssa_gym.safety.tracking import Tracking, tracking_error_metres
 from jssa_gym.types import JointState
 
 PEOPLE = ("none", "pursuit", "hand")
-DRIVERS = ("hold", "jpc", "random", "bang_bang")
+DRIVERS = ("hold", "jpc_paper", "random", "bang_bang")
 RESERVE = 1.5
 """By which what was measured is multiplied before it is assumed of other episodes."""
 
