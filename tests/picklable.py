@@ -88,6 +88,16 @@ def killed(number: int) -> Iterator[int]:
     yield number
 
 
+def dying_first(chunk: tuple[int, Path]) -> Iterator[int]:
+    """Work whose process is killed in the midst of it, but the first time only."""
+    number, folder = chunk
+    yield number
+    if number == 1 and not (folder / "died").exists():
+        (folder / "died").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    yield 10 * number
+
+
 def lasting(number: int) -> Iterator[int]:
     """Work that says who does it and takes longer than any test."""
     print(os.getpid(), flush=True)

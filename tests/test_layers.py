@@ -33,6 +33,7 @@ HEAVY = {
     "stable_baselines3": ("train", "policies"),
     "sb3_contrib": ("train",),
     "osqp": ("safety.projectors",),
+    "ray": ("evaluation.cluster",),
     "matplotlib": ("plots",),
     "av": ("plots",),
     "mujoco": (

@@ -17,6 +17,7 @@ from jssa_gym.certificate.boundary import KEPT, Boundary, BoundaryState, Domain
 from jssa_gym.certificate.census import Census, Part, Shares, approach_bound, largest_part, mark, shares
 from jssa_gym.certificate.chunks import ChunkFile, Key, StateChunk, generator, run
 from jssa_gym.certificate.search import Kept, kept_part, worsen
+from jssa_gym.evaluation.cluster import Cluster, whose
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.feasibility import probe
 from jssa_gym.rates import Rate
@@ -147,7 +148,7 @@ def certify(
     capsules: Sequence[str] = (),
     states: int = 100_000,
     seed: int = 0,
-    jobs: int = 1,
+    jobs: int | Cluster = 1,
     dt: float = 0.008,
     folder: str | Path | None = None,
     progress: Callable[[int], Any] | None = None,
@@ -162,7 +163,7 @@ def certify(
         capsules: Of the robot, by name; all that more than one joint moves if there is none.
         states: How many of each capsule.
         seed: Of the draws. The result depends on it, not on ``jobs``.
-        jobs: How many threads.
+        jobs: How many threads, or a :class:`~jssa_gym.evaluation.Cluster` of Ray's.
         dt: Control step [s].
         folder: Where counts are kept as they come; a certificate that was interrupted is gone on with.
         progress: Called with the number of states that have been counted since the last call.
@@ -177,7 +178,7 @@ def certify(
     names = tuple(capsules) or moved_capsules(model)
     for name in names:
         known_name("capsule", name, model.capsule_names)
-    states, jobs = positive_integer("states", states), positive_integer("jobs", jobs)
+    states, jobs = positive_integer("states", states), whose(jobs)
     seed, dt = whole_number("seed", seed), positive_number("dt", dt)
     announce_compilation(probe)
     links = [Boundary(model, index, name, domain, dt) for name in dict.fromkeys(names)]
@@ -205,7 +206,7 @@ def certify(
 
 
 def _counted(
-    chunks: Sequence[StateChunk], jobs: int, kept: ChunkFile | None, progress: Callable[[int], Any] | None
+    chunks: Sequence[StateChunk], jobs: int | Cluster, kept: ChunkFile | None, progress: Callable[[int], Any] | None
 ) -> dict[int, list[Census]]:
     """Censuses of all chunks in order, by the number of the capsule."""
     known = {} if kept is None else kept.read()

@@ -11,6 +11,7 @@ import numpy as np
 
 from jssa_gym.certificate.boundary import Boundary
 from jssa_gym.certificate.census import Census
+from jssa_gym.evaluation.cluster import Cluster
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.jit import source_hash
 from jssa_gym.storage import append_whole, refused, whole_lines, write_whole
@@ -47,13 +48,21 @@ class StateChunk(NamedTuple):
         return Census.of(self.boundary, looks, draws)
 
 
-def run(chunks: Sequence[StateChunk], jobs: int) -> Iterator[tuple[StateChunk, Census]]:
+def _counted(chunk: StateChunk) -> Iterator[tuple[StateChunk, Census]]:
+    yield chunk, chunk.census()
+
+
+def run(chunks: Sequence[StateChunk], jobs: int | Cluster) -> Iterator[tuple[StateChunk, Census]]:
     """Chunks with their censuses, as they end.
 
     Args:
         chunks: What to count.
-        jobs: How many threads: kernel and generators let each other run.
+        jobs: How many threads, since kernel and generators let each other run; or the cluster.
     """
+    if isinstance(jobs, Cluster):
+        for counted in jobs.play(_counted, chunks):
+            yield from counted
+        return
     if jobs == 1:
         yield from ((chunk, chunk.census()) for chunk in chunks)
         return

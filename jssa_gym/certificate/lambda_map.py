@@ -11,6 +11,7 @@ from jssa_gym.certificate.boundary import Boundary, Domain
 from jssa_gym.certificate.census import Census
 from jssa_gym.certificate.certify import moved_capsules
 from jssa_gym.certificate.chunks import StateChunk, run
+from jssa_gym.evaluation.cluster import Cluster, whose
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.feasibility import probe
@@ -90,7 +91,7 @@ def sweep(
     capsules: Sequence[str] = (),
     states: int = 5_000,
     seed: int = 0,
-    jobs: int = 1,
+    jobs: int | Cluster = 1,
     dt: float = 0.008,
     progress: Callable[[int], Any] | None = None,
 ) -> LambdaMap:
@@ -112,7 +113,7 @@ def sweep(
         states: Of each capsule and pair; the finer grids draw 4 and 16 times as many. The best pair is chosen by
             these very states: its interval does not account for that.
         seed: Of the draws.
-        jobs: How many threads.
+        jobs: How many threads, or a :class:`~jssa_gym.evaluation.Cluster` of Ray's.
         dt: Control step [s].
         progress: Called with the number of pairs that are to come in a grid, negative, then with 1 after each.
 
@@ -124,9 +125,7 @@ def sweep(
     names = tuple(dict.fromkeys(capsules)) or moved_capsules(model)
     for name in names:
         known_name("capsule", name, model.capsule_names)
-    grid, states, jobs = (
-        positive_integer(name, value) for name, value in (("grid", grid), ("states", states), ("jobs", jobs))
-    )
+    grid, states, jobs = positive_integer("grid", grid), positive_integer("states", states), whose(jobs)
     if grid < 2:
         raise ParameterError(f"grid has to be at least 2, got {grid}")
     seed, dt, d_min = whole_number("seed", seed), positive_number("dt", dt), positive_number("d_min", d_min)

@@ -3,10 +3,11 @@
 import json
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import tyro
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -16,6 +17,7 @@ from jssa_gym.certificate.census import Part
 from jssa_gym.certificate.certify import Certificate, certify
 from jssa_gym.certificate.counterexample import load_counterexample, play_on, save_counterexample
 from jssa_gym.certificate.lambda_map import LambdaMap, sweep
+from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
@@ -66,8 +68,6 @@ class Certify:
     """How many of each capsule, 100,000 unless given; with --sweep of each capsule and pair, 5,000."""
     seed: int = 0
     """Of the draws."""
-    jobs: int = 1
-    """How many threads; the result does not depend on it."""
     search: bool = True
     """Whether to search for worse than was drawn, which takes longer than 100,000 draws."""
     out: Path = Path("certificate")
@@ -85,6 +85,7 @@ class Certify:
     unless given."""
     replay: Path | None = None
     """Play a counter-example's recording again instead: exit code 1 if it does not go as it was recorded."""
+    workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
     json: bool = False
     """Print JSON instead of a table."""
 
@@ -123,7 +124,7 @@ class Certify:
                     capsules=self.capsules,
                     states=100_000 if self.states is None else self.states,
                     seed=self.seed,
-                    jobs=self.jobs,
+                    jobs=self.workers.chosen(),
                     folder=self.out,
                     search=self.search,
                     progress=lambda count: progress.advance(task, count),
@@ -170,7 +171,7 @@ class Certify:
                 capsules=self.capsules,
                 states=5_000 if self.states is None else self.states,
                 seed=self.seed,
-                jobs=self.jobs,
+                jobs=self.workers.chosen(),
                 progress=done,
             )
         write_json(self.out / "map.json", swept.plain())

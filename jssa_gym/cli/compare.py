@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
+from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
 from jssa_gym.cli.terminal import Terminal
@@ -40,14 +41,13 @@ class Compare:
     """Length of an episode."""
     out: Path = Path("comparison")
     """Folder for report.html, episodes.csv, summary.json and recordings; one that is there already is continued."""
-    jobs: int = 1
-    """How many processes."""
     keep: int = 1
     """How many recordings of the worst episodes of every combination are kept."""
     v_safe: float = MOVING
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     robot: Annotated[str, ROBOT] = DEFAULT
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
+    workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
@@ -69,7 +69,7 @@ class Compare:
             trust_pickle=self.trust_pickle,
             robot=self.robot,
         )
-        reports = play(study, self.out, self.jobs, self.keep)
+        reports = play(study, self.out, self.workers.chosen(), self.keep)
         ranked = standings(reports)
         write_page(self.out / "report.html", study, reports, self._command())
         if self.json:

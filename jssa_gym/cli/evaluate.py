@@ -11,11 +11,13 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
+from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.files import write_json
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT, MOVING
+from jssa_gym.evaluation.cluster import Cluster
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
@@ -48,7 +50,7 @@ def find_policies_here(policies: Iterable[str]) -> None:
         sys.path.append(here)
 
 
-def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
+def play(study: Study, out: Path, jobs: int | Cluster, keep: int) -> list[Report]:
     """Play what is left of a study under a progress bar; an interrupt says how to go on."""
     with episodes_bar(Terminal(stderr=True), out) as show:
         return complete(study, out, jobs=jobs, keep=keep, progress=show)
@@ -93,8 +95,6 @@ class Evaluate:
     """Length of an episode."""
     out: Path = Path("evaluation")
     """Folder for the results; an evaluation that is there already is continued."""
-    jobs: int = 1
-    """How many processes."""
     keep: int = 3
     """How many recordings of the worst episodes are kept."""
     v_safe: float = MOVING
@@ -103,6 +103,7 @@ class Evaluate:
     """Play the goals without filter and people as well, into the folder's `alone`; slowdown.json compares times."""
     robot: Annotated[str, ROBOT] = DEFAULT
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
+    workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
@@ -124,11 +125,11 @@ class Evaluate:
             trust_pickle=self.trust_pickle,
             robot=self.robot,
         )
-        (report,) = play(study, self.out, self.jobs, self.keep)
+        (report,) = play(study, self.out, self.workers.chosen(), self.keep)
         lost = None
         if self.slowdown:
             nobody = replace(study, filters=("none",), humans=("none",))
-            lost = slowdown(report, play(nobody, self.out / "alone", self.jobs, 0)[0])
+            lost = slowdown(report, play(nobody, self.out / "alone", self.workers.chosen(), 0)[0])
             write_json(self.out / "slowdown.json", lost and asdict(lost))
         if self.json:
             told = report.as_dict() | ({"slowdown": lost and asdict(lost)} if self.slowdown else {})

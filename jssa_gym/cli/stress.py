@@ -4,13 +4,15 @@ import dataclasses
 import json
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import tyro
 from rich.table import Table
 
 from jssa_gym import plots
+from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import ticks
 from jssa_gym.cli.files import write_figure
 from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, WRONG
@@ -19,6 +21,7 @@ from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
+from jssa_gym.evaluation.cluster import Cluster
 from jssa_gym.evaluation.contenders import contender
 from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.report import Tally, tally
@@ -28,7 +31,6 @@ from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.text import counted
-from jssa_gym.validation import positive_integer
 
 
 @dataclass(frozen=True)
@@ -61,18 +63,17 @@ class Stress:
     """Share of the episodes that MuJoCo judges again at 1 kHz, besides all suspicious ones of shields that promise."""
     keep: int = 20
     """How many recordings of the worst episodes are kept."""
-    jobs: int = 1
-    """How many processes."""
     by: tuple[Literal["filter", "human", "policy", "fault"], ...] = ("filter",)
     """What makes a row of the table."""
     degradation: bool = False
     """Short for --preset degradation."""
+    workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
     json: bool = False
     """Print JSON instead of a table."""
 
     def run(self) -> None:
         """Play, count, print."""
-        jobs = positive_integer("jobs", self.jobs)
+        jobs = self.workers.chosen()
         if not self.keep >= 0:
             raise ParameterError(f"keep has to be at least 0, got {self.keep}")
         steps = ticks(self.seconds)
@@ -112,7 +113,7 @@ class Stress:
         grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
         return Campaign(grids, self.task, steps, self.seed, self.judge, self.robot)
 
-    def _play(self, ledger: Ledger[StressRow], jobs: int, console: Terminal) -> None:
+    def _play(self, ledger: Ledger[StressRow], jobs: int | Cluster, console: Terminal) -> None:
         moving, total = 0, ledger.plan.total()
         with episodes_bar(console, self.out) as show:
 

@@ -11,6 +11,7 @@ import gymnasium as gym
 
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.blocked import warning
+from jssa_gym.evaluation.cluster import Cluster, whose
 from jssa_gym.evaluation.ledger import Chunk, Ledger, Results, worst
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.plan import AnyRow
@@ -21,7 +22,7 @@ from jssa_gym.evaluation.study import Evaluation, Single
 from jssa_gym.evaluation.trace import read_meta
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, TraceError
-from jssa_gym.validation import positive_integer, whole_number
+from jssa_gym.validation import whole_number
 
 _logger = logging.getLogger("jssa_gym")
 
@@ -41,7 +42,7 @@ def evaluate(
     env_kwargs: Mapping[str, Any] | None = None,
     filter: str | None = None,
     steps: int = 1000,
-    jobs: int = 1,
+    jobs: int | Cluster = 1,
     out: str | Path | None = None,
     keep: int = 3,
     v_safe: float = MOVING,
@@ -60,7 +61,8 @@ def evaluate(
         env_kwargs: Of ``gymnasium.make``.
         filter: Put around the environment: a name of ``FILTERS``, bare or with ``+stop`` behind it.
         steps: Control steps of an episode, at most.
-        jobs: How many processes; with several, environment and policy have to be picklable.
+        jobs: How many processes, or a :class:`~jssa_gym.evaluation.Cluster` of Ray's; with several, environment and
+            policy have to be picklable.
         out: Folder for ``episodes.csv``, ``summary.json`` and the worst episodes' recordings; an evaluation that is
             there already is continued.
         keep: How many recordings of the worst episodes are kept.
@@ -91,23 +93,23 @@ def evaluate(
 
 
 def complete(
-    plan: Evaluation, folder: Path | None, *, jobs: int = 1, keep: int = 1, progress: Progress | None = None
+    plan: Evaluation, folder: Path | None, *, jobs: int | Cluster = 1, keep: int = 1, progress: Progress | None = None
 ) -> list[Report]:
     """Play what is left of a plan and report on all of it, a report a setting.
 
     Args:
         plan: What is evaluated.
         folder: Where results are kept, and continued; None to keep none.
-        jobs: How many processes.
+        jobs: How many processes, or the cluster.
         keep: How many recordings of the worst episodes of every setting are kept.
         progress: Called after every few episodes.
 
     Raises:
         ParameterError: As of :func:`evaluate`.
     """
-    jobs = positive_integer("jobs", jobs)
+    jobs = whose(jobs)
     keep = whole_number("keep", keep)
-    if jobs > 1:
+    if jobs != 1:
         _check_sendable(plan)
     results = Results(plan) if folder is None else Ledger(folder, plan)
     total = plan.total()
@@ -125,16 +127,17 @@ def complete(
     return reports
 
 
-def finish(results: Results[AnyRow], jobs: int, done: Callable[[list[AnyRow]], Any]) -> None:
+def finish(results: Results[AnyRow], jobs: int | Cluster, done: Callable[[list[AnyRow]], Any]) -> None:
     """Play what is left of a plan.
 
     Args:
         results: What was played already; what is played is added.
-        jobs: How many processes.
+        jobs: How many processes, or the cluster.
         done: Called with every few episodes when they have been added.
     """
     # small enough that nobody waits for the last one
-    size = min(_CHUNK, max(1, results.plan.total() // (4 * jobs)))
+    count = jobs.jobs if isinstance(jobs, Cluster) else jobs
+    size = min(_CHUNK, max(1, results.plan.total() // (4 * count)))
 
     def add(episodes: list[AnyRow]) -> None:
         results.append(episodes)
@@ -143,7 +146,9 @@ def finish(results: Results[AnyRow], jobs: int, done: Callable[[list[AnyRow]], A
     run(play, results.chunks(size), jobs, add)
 
 
-def _with_worst(ledger: Ledger[EvaluationRow], reports: Sequence[Report], keep: int, jobs: int) -> list[Report]:
+def _with_worst(
+    ledger: Ledger[EvaluationRow], reports: Sequence[Report], keep: int, jobs: int | Cluster
+) -> list[Report]:
     """Record the worst episodes, by playing them again: recording all would cost more than playing them."""
     chosen = {report.setting: worst(report.episodes, keep) for report in reports}
     missing = {
@@ -151,12 +156,13 @@ def _with_worst(ledger: Ledger[EvaluationRow], reports: Sequence[Report], keep: 
         for setting, episodes in chosen.items()
     }
     saved: dict[Path, str] = {}
-    # a process takes seconds to start: a few episodes are played here
+    # a process takes seconds to start: a few episodes are played here, and so are those of a cluster, whose machines
+    # need not have the folder
     count = sum(len(some) for some in missing.values())
     run(
         record,
         [Chunk(ledger.plan, setting, some, ledger.traces) for setting, some in missing.items() if some],
-        jobs if count >= _CHUNK * jobs else 1,
+        1 if isinstance(jobs, Cluster) or count < _CHUNK * jobs else jobs,
         saved.update,
     )
     return [

@@ -2,30 +2,23 @@
 
 import multiprocessing
 import os
-import pickle
 import signal
 import threading
 import time
-import traceback
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing, suppress
 from multiprocessing import connection
 from multiprocessing.connection import Connection
-from typing import Any, Self, TypeVar
+from typing import Any
 
+from jssa_gym.evaluation.cluster import Cluster, Play, Result, Work
+from jssa_gym.evaluation.interrupts import GOES_ON, Interrupts, portable
 from jssa_gym.exceptions import WorkerError
 from jssa_gym.text import show_messages
 
-Work = TypeVar("Work")
-Result = TypeVar("Result")
-Play = Callable[[Work], Iterable[Result]]
-"""Plays a chunk, result by result."""
-
 _READY, _RESULT, _END, _ERROR = "ready", "result", "end", "error"
 """What a worker says: that it waits for a chunk, a result of it, that it was the last one, what went wrong."""
-
-_GOES_ON = "what had ended by then is kept, and the same call goes on from there"
 
 UNABLE = (
     "a worker process ended before it began; what it says is above. It imports the script that is run, whose calls "
@@ -62,7 +55,7 @@ def _work(play: Play[Any, Any], link: Connection) -> None:
             for result in play(chunk):
                 _tell(link, _RESULT, result)
         except Exception as error:  # whatever goes wrong is the parent's to raise
-            _tell(link, _ERROR, _portable(error))
+            _tell(link, _ERROR, portable(error))
         else:
             _tell(link, _END)
 
@@ -82,73 +75,13 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _portable(error: Exception) -> Exception:
-    """An exception as another process can have it, with where it happened."""
-    where = "".join(traceback.format_exception(error))
-    try:
-        error = pickle.loads(pickle.dumps(error))
-    except Exception:  # some take more arguments than they keep
-        error = WorkerError(f"{type(error).__name__}: {error}")
-    error.add_note(f"in a worker process:\n{where}")
-    return error
-
-
 # ---- in the parent -------------------------------------------------------------------------------------
-
-
-class _Interrupts:
-    """Ctrl-C while work is done: answered where that plays or waits, and nowhere else, least of all while it ends."""
-
-    def __init__(self) -> None:
-        self._before: Any = signal.getsignal(signal.SIGINT)
-        # only the main thread is told, and may say who is
-        self._ours = callable(self._before) and threading.current_thread() is threading.main_thread()
-        self._answering, self._pressed = False, False
-
-    def __enter__(self) -> Self:
-        if self._ours:
-            signal.signal(signal.SIGINT, self._pressed_now)
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if self._ours:
-            signal.signal(signal.SIGINT, self._before)
-            if self._pressed and kind is None:
-                self._before(signal.SIGINT, None)
-
-    def _pressed_now(self, *told: Any) -> None:
-        if self._answering:  # whoever swallows it is asked again: nothing is remembered
-            self._before(*told)
-        else:
-            self._pressed = True
-
-    @contextmanager
-    def answered(self) -> Generator[None]:
-        """Nothing is half written meanwhile: it may end here, at once if it was pressed before."""
-        self._answering = True
-        try:
-            if self._pressed:
-                self._pressed = False
-                self._before(signal.SIGINT, None)
-            yield
-        finally:
-            self._answering = False
-
-    @contextmanager
-    def unheard(self) -> Generator[None]:
-        """Processes that start meanwhile never hear of it."""
-        if self._ours:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-        try:
-            yield
-        finally:
-            self.__enter__()
 
 
 class _Worker:
     """A process of its own, with what it has said of the chunk at hand."""
 
-    def __init__(self, play: Play[Any, Any], interrupts: _Interrupts) -> None:
+    def __init__(self, play: Play[Any, Any], interrupts: Interrupts) -> None:
         context = multiprocessing.get_context("spawn")
         self.link, theirs = context.Pipe()
         self.process = context.Process(target=_work, args=(play, theirs))
@@ -194,9 +127,9 @@ class _Worker:
         code = self.process.exitcode
         if code is not None and code >= 0:
             return WorkerError(
-                f"a worker process ended by itself; {_GOES_ON}" if self._begun else f"{UNABLE}; or use jobs=1"
+                f"a worker process ended by itself; {GOES_ON}" if self._begun else f"{UNABLE}; or use jobs=1"
             )
-        return WorkerError(f"a worker process was killed, most likely for want of memory; {_GOES_ON}; use fewer jobs")
+        return WorkerError(f"a worker process was killed, most likely for want of memory; {GOES_ON}; use fewer jobs")
 
     def drain(self) -> None:
         """Take in what it had sent before it ended."""
@@ -221,8 +154,10 @@ def _end(workers: Sequence[_Worker], patience: float) -> None:
         worker.drain()
 
 
-def run(play: Play[Work, Result], chunks: Iterable[Work], jobs: int, done: Callable[[list[Result]], Any]) -> None:
-    """Play chunks, in other processes if there is more than one job.
+def run(
+    play: Play[Work, Result], chunks: Iterable[Work], jobs: int | Cluster, done: Callable[[list[Result]], Any]
+) -> None:
+    """Play chunks, in other processes if there is more than one job, or on a cluster.
 
     Ctrl-C, or an error, ends it within moments: chunks under way are given up, and ``done`` gets what was finished of
     them.
@@ -231,7 +166,7 @@ def run(play: Play[Work, Result], chunks: Iterable[Work], jobs: int, done: Calla
         play: Plays one, result by result; with several jobs it and the chunks have to be picklable, since processes are
             spawned.
         chunks: What to play.
-        jobs: How many processes.
+        jobs: How many processes, or the cluster.
         done: Called with every chunk's results as it ends, in this process; Ctrl-C waits for it.
 
     Raises:
@@ -242,8 +177,12 @@ def run(play: Play[Work, Result], chunks: Iterable[Work], jobs: int, done: Calla
         if results:
             done(results)
 
-    with _Interrupts() as interrupts:
-        if jobs == 1:
+    with Interrupts() as interrupts:
+        if isinstance(jobs, Cluster):
+            with closing(jobs.play(play, chunks, interrupts.answered)) as played:
+                for finished in played:
+                    hand_over(finished)
+        elif jobs == 1:
             for chunk in chunks:
                 results: list[Result] = []
                 try:
@@ -261,7 +200,7 @@ def _share_out(
     todo: deque[Work],
     jobs: int,
     hand_over: Callable[[list[Result]], None],
-    interrupts: _Interrupts,
+    interrupts: Interrupts,
 ) -> None:
     # workers inherit it: threads of theirs would only fight each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")

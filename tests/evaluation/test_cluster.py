@@ -1,0 +1,111 @@
+"""Work on a Ray cluster of this machine: the same numbers, whoever dies, and nothing twice."""
+
+import sys
+
+import picklable
+import pytest
+from test_interrupts import ended, interrupt, start
+
+from jssa_gym.certificate.certify import certify
+from jssa_gym.cli import main
+from jssa_gym.evaluation import Cluster, cluster
+from jssa_gym.evaluation.runner import complete
+from jssa_gym.evaluation.workers import run
+from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
+
+pytestmark = pytest.mark.long
+TWO = Cluster(2)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cluster_ends():
+    ray = pytest.importorskip("ray")
+    yield
+    ray.shutdown()
+
+
+def test_a_cluster_counts_the_same_as_this_process(tmp_path):
+    def kept(reports):
+        return [
+            (one.setting, [(e.seed, e.digest) for e in one.episodes], [t.name for t in one.traces]) for one in reports
+        ]
+
+    here, there = complete(picklable.TINY, tmp_path / "here"), complete(picklable.TINY, tmp_path / "there", jobs=TWO)
+    assert kept(here) == kept(there)
+    tables = [(tmp_path / name / "episodes.csv").read_text().splitlines() for name in ("here", "there")]
+    assert len(tables[0]) == len(tables[1]) == 13
+
+
+def test_certificates_too():
+    options = {"capsules": ("elbow",), "states": 300, "search": False}
+    assert certify(**options).plain() == certify(**options, jobs=TWO).plain()
+
+
+def test_work_of_a_worker_that_dies_is_done_again_and_handed_over_once(tmp_path):
+    found = []
+    run(picklable.dying_first, [(number, tmp_path) for number in range(4)], TWO, found.append)
+    assert (tmp_path / "died").exists()
+    assert sorted(found) == [[0, 0], [1, 10], [2, 20], [3, 30]]
+
+
+def test_workers_that_die_again_and_again_end_it_and_what_was_finished_is_kept():
+    found = []
+    with pytest.raises(WorkerError, match=r"lost .* is kept, and the same call goes on"):
+        run(picklable.killed, [0, 1], TWO, found.extend)
+    assert found == [0]
+
+
+def test_errors_come_out_of_workers_and_keep_what_was_finished():
+    found = []
+    with pytest.raises(ParameterError, match="seven") as caught:
+        run(picklable.failing_at_seven, [[1, 2], [6, 7, 8]], TWO, found.extend)
+    assert 6 in found  # of the other chunk, which may be under way, nothing or all
+    assert sorted(found) in ([6], [1, 2, 6])
+    assert "in a worker process" in caught.value.__notes__[0]
+
+
+def test_a_machine_with_another_version_is_refused(monkeypatch):
+    monkeypatch.setattr(cluster, "source_hash", lambda: "another")
+    with pytest.raises(WorkerError, match="another version of jssa_gym"):
+        run(picklable.killed, [0], TWO, print)
+
+
+WORK = """
+from picklable import lasting
+from jssa_gym.evaluation import Cluster
+from jssa_gym.evaluation.workers import run
+if __name__ == "__main__":
+    run(lasting, range(4), Cluster(2), print)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals of this kind")
+def test_an_interrupt_ends_it(tmp_path):
+    (tmp_path / "work.py").write_text(WORK.replace("run(lasting", "print('begun', flush=True)\n    run(lasting"))
+    process = start(str(tmp_path / "work.py"))
+    assert process.stdout.readline() == "begun\n"
+    interrupt(process, 1)
+    _, err = ended(process)
+    assert err.splitlines()[-1].startswith("KeyboardInterrupt")
+
+
+def test_ray_is_an_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(MissingExtraError, match=r"Ray is not installed: pip install .*jssa-gym\[ray\]"):
+        run(picklable.killed, [0], TWO, print)
+
+
+@pytest.mark.parametrize("wrong", [{"jobs": 0}, {"jobs": 1.5}, {"address": ""}, {"address": 7}])
+def test_what_is_no_cluster_is_refused(wrong):
+    with pytest.raises(ParameterError, match=next(iter(wrong))):
+        Cluster(**wrong)
+
+
+@pytest.mark.parametrize("command", ["evaluate", "compare", "stress", "certify"])
+def test_an_address_needs_somebody_who_asks_it(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["jssa-gym", command, "--address", "auto", "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code
+    assert "--engine ray" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "episodes.csv").exists()
