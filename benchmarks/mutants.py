@@ -711,8 +711,8 @@ MUTANTS = [
     Mutant(
         "an arm without capsules on some links is taken",
         "robots/model.py",
-        "        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP, spared)",
-        "        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP, range(len(joints)))",
+        "        check_coverage(model, joints, link_of_body, home, group, spared)",
+        "        check_coverage(model, joints, link_of_body, home, group, range(len(joints)))",
         (PREPARE, "one_capsule_of_three"),
     ),
     Mutant(

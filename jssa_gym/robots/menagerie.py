@@ -99,7 +99,8 @@ def _table(name: str) -> Path | None:
 def _digest(file: Path, name: str) -> str:
     """What changes with the arm's files and with what prepares them."""
     here = Path(__file__).parent
-    sources = [*sorted((here / "prepare").glob("*.py")), here / "coverage.py", here / "limits.py"]
+    readers = ("coverage.py", "findings.py", "limits.py", "mjcf.py", "reading.py")
+    sources = [*sorted((here / "prepare").glob("*.py")), *(here / name for name in readers)]
     sources += [table] if (table := _table(name)) is not None else []
     digest = hashlib.sha256()
     for path in (*sources, *sorted(path for path in file.parent.rglob("*") if path.is_file())):

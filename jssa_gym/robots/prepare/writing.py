@@ -12,14 +12,15 @@ from jssa_gym.exceptions import RobotModelError, StorageError
 from jssa_gym.kernels.chain import forward
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel, make_robot
+from jssa_gym.robots.coverage import TOLERATED
 from jssa_gym.robots.limits import LIMITS
 from jssa_gym.robots.mjcf import COLLISION_GROUP
 from jssa_gym.robots.prepare.agreement import cover_of, kinematic_error
 from jssa_gym.robots.prepare.anatomy import zero_pose
-from jssa_gym.robots.prepare.enclose import TOLERATED, Enclosure
+from jssa_gym.robots.prepare.enclose import Enclosure
 from jssa_gym.robots.prepare.examine import Examination
 from jssa_gym.robots.prepare.posture import some_postures
-from jssa_gym.robots.prepare.reading import stl
+from jssa_gym.robots.reading import stl
 from jssa_gym.storage import write_whole
 from jssa_gym.types import Array
 
