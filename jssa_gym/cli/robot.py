@@ -20,7 +20,7 @@ from jssa_gym.envs.world import SCENES, World
 from jssa_gym.evaluation.proof import Proof, prove
 from jssa_gym.exceptions import DisplayError, MissingExtraError, ParameterError
 from jssa_gym.humans import nobody
-from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, make_robot
+from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, guessed_limits, make_robot
 from jssa_gym.robots.prepare import Cover, Examination, Preparation, examine, write_prepared
 
 
@@ -125,12 +125,16 @@ class List:
 
     def run(self) -> None:
         """Print names."""
+        guessed = {name: guessed_limits(name) for name in sorted((*ROBOTS, *MENAGERIE))}
         if self.json:
-            print(json.dumps({"shipped": sorted(ROBOTS), "menagerie": sorted(MENAGERIE)}))
+            print(json.dumps({"shipped": sorted(ROBOTS), "menagerie": sorted(MENAGERIE), "limits_guessed": guessed}))
             return
         console = Terminal()
         console.say(f"shipped: {', '.join(sorted(ROBOTS))}")
         console.say(f"of MuJoCo Menagerie, downloaded at the first use (extra robots): {', '.join(sorted(MENAGERIE))}")
+        for which in dict.fromkeys(sorted(filter(None, guessed.values()), key=len)):
+            names = [name for name, limits in guessed.items() if limits == which]
+            console.say(f"{', '.join(which)} limits are a guess: {', '.join(names)}")
 
 
 @dataclass(frozen=True)

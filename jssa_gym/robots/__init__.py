@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from jssa_gym.exceptions import ParameterError, RobotModelError
-from jssa_gym.robots.limits import read_limits
+from jssa_gym.robots.limits import LIMITS, read_limits
 from jssa_gym.robots.lr_mate_200id_7l import lr_mate_200id_7l
-from jssa_gym.robots.menagerie import MENAGERIE, prepared_folder
+from jssa_gym.robots.menagerie import MENAGERIE, prepared_folder, published_limits
 from jssa_gym.robots.model import JointLimits, LimitsError, RobotModel
 
 
@@ -56,6 +56,14 @@ def _built(build: Callable[[], RobotModel]) -> RobotModel:
     return build()
 
 
+def guessed_limits(name: str) -> tuple[str, ...]:
+    """Which limits of an arm of :data:`ROBOTS` or ``MENAGERIE`` nobody has stated; nothing is downloaded for it."""
+    if name in ROBOTS:
+        return make_robot(name).guessed
+    table = published_limits(name)
+    return LIMITS if table is None else table.guessed
+
+
 def make_robot(robot: str | Path | RobotModel) -> RobotModel:
     """A robot from its name, an MJCF or URDF file or a prepared folder; a model as it is.
 
@@ -71,6 +79,7 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
         jerk = [3798, 3408]
         uncovered = []        # joints of links that may draw something outside of capsules: nothing is promised there
         group = 3             # geom group that holds the capsules; without it 3, and of a URDF 0, its <collision>
+        guessed = ["jerk"]    # which of these nobody has stated
 
     Raises:
         ParameterError: Neither a name nor a file.
@@ -101,7 +110,7 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
         )
     table = read_limits(beside)
     try:
-        return RobotModel.from_mjcf(
+        model = RobotModel.from_mjcf(
             path,
             velocity=table.velocity,
             acceleration=table.acceleration,
@@ -113,3 +122,4 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
         raise RobotModelError(f"{path.with_suffix('.limits.toml').name}: {error}") from error
     except UnicodeDecodeError as error:  # of a file that it includes
         raise RobotModelError(f"{path} has a name that is not in UTF-8: {error}") from error
+    return replace(model, guessed=table.guessed)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jssa_gym.exceptions import MissingExtraError, RobotModelError
+from jssa_gym.robots.limits import LimitTable, read_limits
 
 INSTALL = "pip install 'jssa-gym[robots]', or pip install -e '.[robots]' in a clone"
 
@@ -71,6 +72,12 @@ def prepared_folder(name: str) -> Path:
     if not folder.is_dir():
         _prepare(file, origin, name, folder)
     return folder
+
+
+def published_limits(name: str) -> LimitTable | None:
+    """Limits of an arm of :data:`MENAGERIE` from public data, the rest guessed; None if there are none."""
+    table = _table(name)
+    return None if table is None else read_limits(table, partial=True)
 
 
 def _prepare(file: Path, origin: Origin, name: str, folder: Path) -> None:

@@ -115,6 +115,8 @@ class RobotModel:
     """Joints of links that draw something outside of capsules: nothing is measured there, and nothing promised."""
     group: int = COLLISION_GROUP
     """Geom group of the file that holds the capsules."""
+    guessed: tuple[str, ...] = ()
+    """Which of the limits nobody has stated, as their table says: ``velocity``, ``acceleration``, ``jerk``."""
 
     __reduce__ = _made_anew
 

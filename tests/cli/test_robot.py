@@ -40,6 +40,28 @@ def test_a_file_is_looked_at(here, arm):
     data = json.loads(told.stdout)
     assert [link["capsules_found"] for link in data["links"]] == [0, 0, 0, 0]
     assert sum(finding["stands"] for finding in data["findings"]) == 2
+    # a tube of 0.06 × 0.25 m gets one capsule, with caps beyond its ends
+    for link in data["links"][:3]:
+        assert link["capsules"] == 1
+        assert 1.0 < link["volume_ratios"][0] < 1.8
+        assert link["volume_ratio_of_one"] is None
+    ratio = data["links"][0]["volume_ratios"][0]
+    assert f", {ratio:.1f} times the hull of what each holds" in told.stdout
+    assert f"×{ratio:.1f}" in run.stdout
+
+
+def test_which_group_holds_the_capsules_is_an_option(here, tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="boom"><joint name="turn" axis="0 0 1" range="-90 90"/>'
+        '<geom name="tube" type="capsule" size=".1" fromto="0 0 .2  .4 0 .2" group="4"/></body></worldbody></mujoco>'
+    )
+    run = here("robot", "check", path, "--group", "4", "--json")
+    assert run.returncode == 1  # the reader goes by the table beside the file
+    data = json.loads(run.stdout)
+    assert [link["capsules_found"] for link in data["links"]] == [1]
+    assert "write group = 4 into arm.limits.toml" in run.stdout
+    assert [link["capsules_found"] for link in json.loads(here("robot", "check", path, "--json").stdout)["links"]] == [0]
 
 
 @pytest.mark.gl
@@ -70,7 +92,7 @@ def test_nothing_is_written_before_all_is_decided(here, arm, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (("nowhere.xml",), "no robot's file at"),
+        (("nowhere.xml",), "no MJCF file at"),
         (("arm.xml", "--package", "one"), "--package takes NAME=DIR"),
         (("arm.xml", "--freeze", "elbow"), "no joint 'elbow'"),
     ],
@@ -86,7 +108,12 @@ def test_names_are_listed(here):
     names = json.loads(here("robot", "list", "--json").stdout)
     assert names["shipped"] == sorted(ROBOTS)
     assert "panda" in names["menagerie"]
-    assert "ur5e" in here("robot", "list").stdout
+    assert names["limits_guessed"]["ur5e"] == ["acceleration", "jerk"]
+    assert names["limits_guessed"]["panda"] == []
+    told = here("robot", "list").stdout
+    assert "shipped: fr3, lr_mate_200id_7l, ur5e" in told
+    (line,) = [line for line in told.splitlines() if line.startswith("acceleration, jerk limits are a guess")]
+    assert "ur5e" in line
 
 
 def test_a_proof_is_refused_where_capsules_do_not_hold_what_is_drawn(tmp_path, folder, arm):

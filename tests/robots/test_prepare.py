@@ -530,7 +530,7 @@ def test_files_that_are_none(save, name, text, said):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(RobotModelError, match="no robot's file at"):
+    with pytest.raises(RobotModelError, match="no URDF file at"):
         examine(tmp_path / "nowhere.urdf")
 
 
