@@ -7,6 +7,7 @@ import pytest
 from jssa_gym.envs.world import World
 from jssa_gym.evaluation.oracle import Oracle
 from jssa_gym.exceptions import RobotModelError
+from jssa_gym.policies import POLICIES
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.robots.prepare import Preparation, examine, write_prepared
 
@@ -150,3 +151,18 @@ def test_the_check_takes_a_group_and_says_where_to_write_it(tmp_path):
 def test_a_table_s_group_is_a_number(tmp_path):
     with pytest.raises(RobotModelError, match=r"arm\.limits\.toml: group has to be the number of a geom group, got 'x'"):
         make_robot(mjcf(tmp_path, 0, table=LIMITS + 'group = "x"\n'))
+
+
+def test_servo_follows_an_arm_that_hardly_weighs_anything(tmp_path):
+    """A published Puma has no masses; its servos were made for less than what its links weigh as written: 0.17 rad."""
+    light = WEIGHT.replace("<mass", '<origin xyz="0 .3 .15"/><mass').replace('"1"', '"1e-9"').replace(".01", "1e-9")
+    path = urdf(tmp_path, one=light + BEAM, two=light + BEAM)
+    robot = make_robot(write_prepared(examine(path), tmp_path / "made"))
+    env = gym.make("jssa_gym/Home-v0", robot=robot, dynamics="servo", human="none", terminate_on=())
+    policy = POLICIES["wander"](env, 0)
+    observation, _ = env.reset(seed=0)
+    worst = 0.0
+    for _ in range(250):
+        observation, *_, info = env.step(policy(observation))
+        worst = max(worst, np.abs(info["tracking_error"]).max())
+    assert worst < 0.006

@@ -250,7 +250,8 @@ def _turned_inertia(arm: Examination) -> Array:
             for link, frame in zip(anatomy.links[i:], frames[i:], strict=True):
                 away = np.cross(axis, frame["origin"] + frame["rotation"] @ link.centre - frames["origin"][i])
                 about = frame["rotation"].T @ axis
-                total += float(about @ link.inertia @ about + link.mass * away @ away)
+                mass = max(link.mass, _LIGHT[0])  # as it is written
+                total += float(about @ link.inertia @ about + mass * away @ away)
             found[i] = max(found[i], total)
     return found
 
