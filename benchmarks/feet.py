@@ -130,7 +130,8 @@ def main() -> None:
         file = gait(Path(folder) / "walk.bvh")
         bodies = {body: bvh.convert(file, body=body) for body in ("six", "jointed")}
     print(
-        "| assumed | task | success without contact | any contact | moving contact | ticks in FAULT | ticks as planned |\n"
+        "| assumed | task | success without contact | any contact | moving contact | ticks in FAULT "
+        "| ticks as planned |\n"
         "|---|---|---|---|---|---|---|"
     )
     for case in CASES:

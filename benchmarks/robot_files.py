@@ -6,8 +6,8 @@
     python benchmarks/robot_files.py files found
 
 Every file goes through ``jssa-gym robot check FILE --freeze all --write DIR`` in a process of its own, without a hand
-edit; the table comes from what that prints. That and the models are kept in the folder ``found``, so that a run that was
-stopped goes on where it was. Half an hour on one core. Nothing of these files is part of this package.
+edit; the table comes from what that prints. That and the models are kept in the folder ``found``, so that a run that
+was stopped goes on where it was. Half an hour on one core. Nothing of these files is part of this package.
 """
 
 import json

@@ -164,7 +164,9 @@ def _advice(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> l
     if fast:
         legs = legs_of_feet(person.recording, params)
         beside = sufficient([part for part in parts if part.name not in legs], params)
-        raised = ", ".join(["end_speeds=LEG_SPEEDS"][: len(legs)] + [f"{name}={bound:g}" for name, bound in beside.items()])
+        raised = ", ".join(
+            ["end_speeds=LEG_SPEEDS"][: len(legs)] + [f"{name}={bound:g}" for name, bound in beside.items()]
+        )
         feet = " (jssa_gym.safety.failsafe has LEG_SPEEDS: hips walk, feet swing)" if legs else ""
         worst = max(part.speed / part.bound for part in fast)
         said.append(

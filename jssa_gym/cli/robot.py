@@ -220,7 +220,16 @@ def _show(arm: Examination, written: bool) -> None:
         mark = "!" if finding.stands else "-" if not finding.fits else " "
         console.say(f"{mark} {finding}")
     table = Table(title=f"{arm.source.path.name}: {arm.anatomy.n} joints, reach {arm.anatomy.reach:.2f} m")
-    for title in ("link", "joint", "capsules found", "outside of own", "of all", "capsules", "outside of these", "of hull"):
+    for title in (
+        "link",
+        "joint",
+        "capsules found",
+        "outside of own",
+        "of all",
+        "capsules",
+        "outside of these",
+        "of hull",
+    ):
         table.add_column(title, justify="left" if title in ("link", "joint") else "right")
     for cover in arm.covers:
         table.add_row(cover.body, cover.joint, str(len(cover.found)), *_row(cover))

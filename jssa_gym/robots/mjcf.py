@@ -46,13 +46,11 @@ def _capsule_faults(model: "mujoco.MjModel", group: int) -> list[str]:
         geom, kind = called(model, mujoco.mjtObj.mjOBJ_GEOM, g), mujoco.mjtGeom(model.geom_type[g])
         if kind not in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE):
             faults.append(
-                f"{geom} in group {group} is a {kind.name[7:].lower()}; "
-                "collision geoms have to be capsules or spheres"
+                f"{geom} in group {group} is a {kind.name[7:].lower()}; collision geoms have to be capsules or spheres"
             )
         elif model.njnt and carried[int(model.geom_bodyid[g])] < 0:
             faults.append(
-                f"{geom} in group {group} does not move with any joint; "
-                "enclose the base in a capsule of the first link"
+                f"{geom} in group {group} does not move with any joint; enclose the base in a capsule of the first link"
             )
     return faults
 

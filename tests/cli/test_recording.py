@@ -80,7 +80,7 @@ def test_check_says_it_in_words(tmp_path, here):
         "walk.bvh: 480 frames in 3.99 s, 120 a second; 6 capsules",
         "taken as centimetres with y up: 1.5",
         "head 1.56 m above the floor",
-        "failsafe=FailsafeParams(end_speeds=LEG_SPEEDS) (jssa_gym.safety.failsafe has LEG_SPEEDS: hips walk, feet swing)",
+        "failsafe=FailsafeParams(end_speeds=LEG_SPEEDS) (jssa_gym.safety.failsafe has LEG_SPEEDS: hips walk, ",
         "Recorded(FILE, pace=0.4",
         "outside of all capsules by up to: the end site of mixamorig:RightFoot 0.11 m",
         "--body jointed",

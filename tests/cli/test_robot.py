@@ -61,7 +61,9 @@ def test_which_group_holds_the_capsules_is_an_option(here, tmp_path):
     data = json.loads(run.stdout)
     assert [link["capsules_found"] for link in data["links"]] == [1]
     assert "write group = 4 into arm.limits.toml" in run.stdout
-    assert [link["capsules_found"] for link in json.loads(here("robot", "check", path, "--json").stdout)["links"]] == [0]
+    assert [link["capsules_found"] for link in json.loads(here("robot", "check", path, "--json").stdout)["links"]] == [
+        0
+    ]
 
 
 @pytest.mark.gl

@@ -585,7 +585,9 @@ def test_what_a_crawl_would_close_is_seen_and_what_rests_closed_may_stay(robot, 
     state = np.array([robot.home, np.zeros(6), np.zeros(6)])
     # the elbow, towards the base: 0.8 of what the outermost capsule may move by and rest
     state[1, 2] = 0.8 * REST_SPEED / lever[:, 2].max()
-    inner, outer = next((i, j) for i, j in robot.self_pairs if robot.capsules["link"][i] < 2 < robot.capsules["link"][j])
+    inner, outer = next(
+        (i, j) for i, j in robot.self_pairs if robot.capsules["link"][i] < 2 < robot.capsules["link"][j]
+    )
     for sign in (1.0, -1.0):
         motion = Motion(robot, state * [[1.0], [sign], [1.0]], np.zeros(6))
         one, two = motion.ends[:, inner], motion.ends[:, outer]

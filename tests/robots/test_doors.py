@@ -122,7 +122,9 @@ def test_which_group_holds_the_capsules_is_an_argument(tmp_path, group, drawn):
     np.testing.assert_allclose(seen_by_the_judge(robot), [[0.05, 0.15]] * 2)
     # of a simulator's scene the capsules are in group 3, and what was there where they were
     scene = World(robot, "table")
-    assert sorted(scene.model.geom_group[scene.model.geom_bodyid > 0]) == sorted([3, 3, *[group if drawn == 3 else drawn] * 2])
+    assert sorted(scene.model.geom_group[scene.model.geom_bodyid > 0]) == sorted(
+        [3, 3, *[group if drawn == 3 else drawn] * 2]
+    )
     scene.close()
     # the table beside the file says it where there is no argument
     with pytest.raises(RobotModelError, match="group 3"):
@@ -149,7 +151,9 @@ def test_the_check_takes_a_group_and_says_where_to_write_it(tmp_path):
 
 
 def test_a_table_s_group_is_a_number(tmp_path):
-    with pytest.raises(RobotModelError, match=r"arm\.limits\.toml: group has to be the number of a geom group, got 'x'"):
+    with pytest.raises(
+        RobotModelError, match=r"arm\.limits\.toml: group has to be the number of a geom group, got 'x'"
+    ):
         make_robot(mjcf(tmp_path, 0, table=LIMITS + 'group = "x"\n'))
 
 

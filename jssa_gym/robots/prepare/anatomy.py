@@ -112,9 +112,7 @@ def zero_pose(model: "mujoco.MjModel", chain: Chain, share: float | None = None)
     return data
 
 
-def anatomy_of(
-    model: "mujoco.MjModel", chain: Chain, tool: str | None = None, group: int = COLLISION_GROUP
-) -> Anatomy:
+def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None, group: int = COLLISION_GROUP) -> Anatomy:
     """Take a file's arm apart.
 
     Args:

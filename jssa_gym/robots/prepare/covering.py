@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jssa_gym.robots.coverage import TOLERATED, coverage, fault_of_cover
+from jssa_gym.robots.findings import FileFinding
 from jssa_gym.robots.mjcf import carrier_links
 from jssa_gym.robots.prepare.anatomy import Anatomy, Link
 from jssa_gym.robots.prepare.chain import Chain
 from jssa_gym.robots.prepare.enclose import Enclosure, Solid, enclose, farthest_out, fit
-from jssa_gym.robots.findings import FileFinding
 from jssa_gym.robots.reading import ArmFile
 from jssa_gym.types import Array
 

@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.kernels.records import CAPSULE
 from jssa_gym.robots import make_robot
+from jssa_gym.robots.findings import FileFinding, obstacle, repaired
 from jssa_gym.robots.limits import LimitTable, guess_limits, read_limits
 from jssa_gym.robots.prepare.anatomy import Anatomy, anatomy_of
 from jssa_gym.robots.prepare.chain import Chain, find_chain
 from jssa_gym.robots.prepare.covering import Cover, cover_links
 from jssa_gym.robots.prepare.enclose import Enclosure
-from jssa_gym.robots.findings import FileFinding, obstacle, repaired
 from jssa_gym.robots.prepare.placing import base_column, placed, unit_findings
 from jssa_gym.robots.prepare.posture import Looked, all_pairs, find_home, look, rounded, some_postures, useless
 from jssa_gym.robots.reading import ArmFile, read_source

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jssa_gym.robots.coverage import TOLERATED
+from jssa_gym.robots.findings import FileFinding, obstacle
 from jssa_gym.robots.limits import LimitTable
 from jssa_gym.robots.prepare.anatomy import STOUT, Anatomy
 from jssa_gym.robots.prepare.enclose import MARGIN, Enclosure, Solid, farthest_out
-from jssa_gym.robots.findings import FileFinding, obstacle
 
 _OFF = 0.05
 """How far the first joint's axis may be from the upright axis, and the base's lowest point from the ground, before the
