@@ -170,3 +170,15 @@ def test_servo_follows_an_arm_that_hardly_weighs_anything(tmp_path):
         observation, *_, info = env.step(policy(observation))
         worst = max(worst, np.abs(info["tracking_error"]).max())
     assert worst < 0.006
+
+
+def test_an_arm_that_is_drawn_by_its_capsules_reaches_as_far_as_they_do(tmp_path):
+    """Its reach was 0, and where it stands could not be told."""
+    hinge = '<body><joint axis="{}" range="-90 90"/><inertial mass="1" pos="0 0 0" diaginertia=".1 .1 .1"/>'
+    arm = f"{hinge.format('0 0 1')}{hinge.format('0 1 0')}{{}}</body></body>"
+    text = f"<mujoco><worldbody>{arm}</worldbody></mujoco>"
+    path = tmp_path / "arm.xml"
+    path.write_text(text.format('<geom type="capsule" group="3" size=".1" fromto="0 0 .2  .4 0 .3"/>'))
+    assert examine(path).anatomy.reach == pytest.approx(0.5 + 0.1)
+    path.write_text(text.format(""))
+    assert "reaches 0 m" in " ".join(str(one) for one in examine(path).obstacles)

@@ -82,8 +82,12 @@ class Anatomy:
     def reach(self) -> float:
         """No point of the arm is farther from the second joint [m]."""
         lengths = np.linalg.norm(self.chain["offset"][min(2, self.n - 1) :], axis=1).sum()
-        last = self.links[-1].solid
-        tip = 0.0 if last is None else np.linalg.norm(last.triangles, axis=2).max() + last.radius.max()
+        last = self.links[-1]
+        if last.solid is not None:
+            tip = np.linalg.norm(last.solid.triangles, axis=2).max() + last.solid.radius.max()
+        else:  # drawn by its capsules
+            ends = [np.linalg.norm(end) + capsule.radius for capsule in last.found for end in capsule[:2]]
+            tip = max(ends, default=0.0)
         return float(lengths + max(tip, np.linalg.norm(self.tool)))
 
 

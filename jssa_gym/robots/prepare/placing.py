@@ -66,7 +66,7 @@ def placed(anatomy: Anatomy) -> tuple[Anatomy, list[FileFinding]]:
         shift[:2] = -first[:2]
     if abs(lowest) > _OFF:
         shift[2] = -lowest
-    elif anatomy.base is None and not 0.0 < first[2] / anatomy.reach < 1.0:
+    elif anatomy.base is None and not 0.0 < first[2] < anatomy.reach:
         shift[2] = _PEDESTAL * anatomy.reach - first[2]
     if not shift.any():
         return anatomy, []
