@@ -1,5 +1,6 @@
 """``jssa-gym robot``, and ``--robot`` wherever there is an arm."""
 
+import dataclasses
 import json
 
 import pytest
@@ -8,7 +9,7 @@ from robots_arms import gripper
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.proof import prove
 from jssa_gym.evaluation.study import Study
-from jssa_gym.exceptions import ParameterError
+from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.robots import ROBOTS, make_robot
 from jssa_gym.robots.prepare import Preparation, examine, write_prepared
 from jssa_gym.train.config import TrainConfig
@@ -119,9 +120,9 @@ def test_names_are_listed(here):
 
 
 def test_a_proof_is_refused_where_capsules_do_not_hold_what_is_drawn(tmp_path, folder, arm):
-    """The judge reads the written file: thinner capsules in it are seen."""
-    examined = examine(arm, Preparation(("all",)))
-    sound = prove(examined, make_robot(folder), steps=30, opponents=("bang_bang",))
+    """Thinner capsules in the written file keep it from being read, and in a model from being proved."""
+    examined, robot = examine(arm, Preparation(("all",))), make_robot(folder)
+    sound = prove(examined, robot, steps=30, opponents=("bang_bang",))
     assert sound.holds
     assert sound.kinematic_error < 1e-12
     text = (folder / "robot.xml").read_text()
@@ -129,7 +130,11 @@ def test_a_proof_is_refused_where_capsules_do_not_hold_what_is_drawn(tmp_path, f
     start = text.index(name) + len(name)
     end = text.index('"', start)
     (folder / "robot.xml").write_text(text[:start] + "0.02" + text[end:])
-    thin = prove(examined, make_robot(folder), steps=2, opponents=())
+    with pytest.raises(RobotModelError, match=r"draws .* mm out of its capsules and those of the links beside it"):
+        make_robot(folder)
+    capsules = robot.capsules.copy()
+    capsules["radius"][robot.capsule_names.index("upper")] = 0.02
+    thin = prove(examined, dataclasses.replace(robot, capsules=capsules), steps=2, opponents=())
     assert thin.uncovered > 5e-3
     assert not thin.holds
 
