@@ -38,6 +38,8 @@ MOVED = "tests/evaluation/test_motion.py"
 PREPARE = "tests/robots/test_prepare.py"
 ENCLOSE = "tests/robots/test_enclose.py"
 GUARANTEES = "tests/robots/test_prepare_guarantees.py"
+COVERAGE = "tests/robots/test_coverage.py"
+DOORS = "tests/robots/test_doors.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -138,7 +140,13 @@ MUTANTS = [
         'range(one["link"] + 1, two["link"] + 1)',
         'range(one["link"] + 1, two["link"])',
     ),
-    _kernel("margin of self pairs dropped", "gap - 2.0 * margin", "gap"),
+    _kernel("margin of self pairs dropped", "else (gap - 2.0 * margin) / rate", "else gap / rate"),
+    _kernel(
+        "a crawl into itself is not looked at",
+        "            if rate <= 0.0:\n                continue\n            gap",
+        "            if rate <= REST_SPEED:\n                continue\n            gap",
+    ),
+    _kernel("what moves may stay closed", "gap <= 0.0 and rate <= REST_SPEED", "gap <= 0.0"),
     _kernel(
         "who is off is off for good", "return until - t - _ROUNDING > max(lasting, _SHORTEST)", "return until > -np.inf"
     ),
@@ -688,6 +696,27 @@ MUTANTS = [
         (GUARANTEES, "check_accepts or is_written_holds"),
     ),
     Mutant(
+        "a link that reaches out is taken",
+        "robots/coverage.py",
+        "    if link.arm <= TOLERATED:",
+        "    if link.arm <= 0.3:",
+        (COVERAGE, "refused_or_named"),
+    ),
+    Mutant(
+        "capsules are looked for in group 3 whatever is said",
+        "robots/model.py",
+        "capsules_of(model, link_of_body, anchors, group)",
+        "capsules_of(model, link_of_body, anchors)",
+        (DOORS, "which_group"),
+    ),
+    Mutant(
+        "servos are made for less than what is written",
+        "robots/prepare/writing.py",
+        "mass = max(link.mass, _LIGHT[0])  # as it is written",
+        "mass = link.mass",
+        (DOORS, "hardly_weighs"),
+    ),
+    Mutant(
         "between corners nothing is looked at",
         "robots/prepare/enclose.py",
         "        if not np.any(still):\n            return worst",
@@ -711,8 +740,8 @@ MUTANTS = [
     Mutant(
         "an arm without capsules on some links is taken",
         "robots/model.py",
-        "        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP, spared)",
-        "        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP, range(len(joints)))",
+        "        check_coverage(model, joints, link_of_body, home, group, spared)",
+        "        check_coverage(model, joints, link_of_body, home, group, range(len(joints)))",
         (PREPARE, "one_capsule_of_three"),
     ),
     Mutant(

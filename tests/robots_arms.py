@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jssa_gym.robots.prepare.reading import stl
+from jssa_gym.robots.reading import stl
 
 HEAD = '<mujoco model="{}"><compiler angle="radian" autolimits="true"/>{}<worldbody>'
 TUBE = '<geom name="{0} tube" type="cylinder" size=".03" fromto="0 0 0  {1}"/>'

@@ -37,7 +37,8 @@ HEAVY = {
     "matplotlib": ("plots",),
     "av": ("plots",),
     "mujoco": (
-        *("headless", "robots.coverage", "robots.mjcf", "robots.model", "robots.prepare", "robots.serial"),
+        *("headless", "robots.coverage", "robots.mjcf", "robots.model", "robots.prepare"),
+        *("robots.reading", "robots.serial"),
         *("envs.opengl", "envs.world", "evaluation.oracle"),
     ),
 }

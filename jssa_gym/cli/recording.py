@@ -16,7 +16,7 @@ from jssa_gym.humans.bvh import JOINTS, UNITS, CaptureOptions
 from jssa_gym.humans.files import Person, load
 from jssa_gym.humans.survey import Oddity, height_of, lowest_of
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.speeds import PartSpeed, part_speeds, sufficient, time_beyond
+from jssa_gym.safety.speeds import PartSpeed, legs_of_feet, part_speeds, sufficient, time_beyond
 from jssa_gym.text import counted
 from jssa_gym.validation import positive_number
 
@@ -162,13 +162,18 @@ def _advice(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> l
     said = [str(finding) for finding in person.findings()]
     fast = [part for part in parts if part.excess > 0.0]
     if fast:
-        raised = ", ".join(f"{name}={speed:g}" for name, speed in sufficient(parts, params).items())
+        legs = legs_of_feet(person.recording, params)
+        beside = sufficient([part for part in parts if part.name not in legs], params)
+        raised = ", ".join(
+            ["end_speeds=LEG_SPEEDS"][: len(legs)] + [f"{name}={bound:g}" for name, bound in beside.items()]
+        )
+        feet = " (jssa_gym.safety.failsafe has LEG_SPEEDS: hips walk, feet swing)" if legs else ""
         worst = max(part.speed / part.bound for part in fast)
         said.append(
             f"{', '.join(part.name for part in fast)}: faster than a shield assumes, in "
             f"{100.0 * time_beyond(person.recording, params):.0f} % of the time; it does not believe such measurements "
-            f"and stays stopped meanwhile (FAULT). Give it failsafe=FailsafeParams({raised}), or play it as "
-            f"Recorded(FILE, pace={math.floor(100.0 / worst) / 100.0:g})"
+            f"and stays stopped meanwhile (FAULT). Give it failsafe=FailsafeParams({raised}){feet}, or play "
+            f"it as Recorded(FILE, pace={math.floor(100.0 / worst) / 100.0:g})"
         )
     if outside := _outside(person):
         named = ", ".join(f"{name} {far:.2f} m" for name, far in list(outside.items())[:6])
@@ -221,6 +226,7 @@ def _plain(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> di
         "parts": [asdict(part) for part in parts],
         "beyond": time_beyond(recording, params),
         "sufficient": sufficient(parts, params),
+        "legs_of_feet": list(legs_of_feet(recording, params)),
         "outside": _outside(person),
         "findings": [asdict(finding) for finding in findings],
     }

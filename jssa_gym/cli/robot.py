@@ -20,7 +20,7 @@ from jssa_gym.envs.world import SCENES, World
 from jssa_gym.evaluation.proof import Proof, prove
 from jssa_gym.exceptions import DisplayError, MissingExtraError, ParameterError
 from jssa_gym.humans import nobody
-from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, make_robot
+from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, guessed_limits, make_robot
 from jssa_gym.robots.prepare import Cover, Examination, Preparation, examine, write_prepared
 
 
@@ -50,6 +50,8 @@ class Check:
     """Home posture, one number a joint [rad]; the file's keyframe, or looked for."""
     limits: Path | None = None
     """Table of velocity, acceleration and jerk limits, TOML; the one beside the file, or a guess that says so."""
+    group: int | None = None
+    """Geom group that holds the file's capsules; what its table of limits says, or else 3, of a URDF 0."""
     units_checked: bool = False
     """Lengths, ranges and velocities that look like another unit's are right."""
     write: Path | None = None
@@ -73,6 +75,7 @@ class Check:
             self.limits,
             self.units_checked,
             _packages(self.package),
+            self.group,
         )
         console = Terminal(stderr=True)
         with transient(console) as progress:
@@ -122,12 +125,16 @@ class List:
 
     def run(self) -> None:
         """Print names."""
+        guessed = {name: guessed_limits(name) for name in sorted((*ROBOTS, *MENAGERIE))}
         if self.json:
-            print(json.dumps({"shipped": sorted(ROBOTS), "menagerie": sorted(MENAGERIE)}))
+            print(json.dumps({"shipped": sorted(ROBOTS), "menagerie": sorted(MENAGERIE), "limits_guessed": guessed}))
             return
         console = Terminal()
         console.say(f"shipped: {', '.join(sorted(ROBOTS))}")
         console.say(f"of MuJoCo Menagerie, downloaded at the first use (extra robots): {', '.join(sorted(MENAGERIE))}")
+        for which in dict.fromkeys(sorted(filter(None, guessed.values()), key=len)):
+            names = [name for name, limits in guessed.items() if limits == which]
+            console.say(f"{', '.join(which)} limits are a guess: {', '.join(names)}")
 
 
 @dataclass(frozen=True)
@@ -188,6 +195,8 @@ def _plain(arm: Examination, proof: Proof | None) -> dict[str, Any]:
                 "outside_all_mm": _millimetres(cover.arm),
                 "capsules": len(cover.capsules),
                 "outside_prepared_mm": _millimetres(max(cover.left, 0.0)),
+                "volume_ratios": [_finite(round(ratio, 3)) for ratio in cover.ratios],
+                "volume_ratio_of_one": _finite(round(cover.alone, 3)),
             }
             for cover in arm.covers
         ],
@@ -211,11 +220,21 @@ def _show(arm: Examination, written: bool) -> None:
         mark = "!" if finding.stands else "-" if not finding.fits else " "
         console.say(f"{mark} {finding}")
     table = Table(title=f"{arm.source.path.name}: {arm.anatomy.n} joints, reach {arm.anatomy.reach:.2f} m")
-    for title in ("link", "joint", "capsules found", "outside of own", "of all", "capsules", "outside of these"):
+    for title in (
+        "link",
+        "joint",
+        "capsules found",
+        "outside of own",
+        "of all",
+        "capsules",
+        "outside of these",
+        "of hull",
+    ):
         table.add_column(title, justify="left" if title in ("link", "joint") else "right")
     for cover in arm.covers:
         table.add_row(cover.body, cover.joint, str(len(cover.found)), *_row(cover))
     console.print(table)
+    console.say("of hull: volume of each new capsule over that of the convex hull of what it holds")
     if arm.obstacles:
         console.say("what is marked with ! has to be decided; no model is written before")
     elif not written and not arm.acceptable:
@@ -226,7 +245,8 @@ def _row(cover: Cover) -> tuple[str, ...]:
     def said(value: float) -> str:
         return "-" if not np.isfinite(value) else f"{1e3 * max(value, 0.0):.1f} mm"
 
-    return said(cover.own), said(cover.arm), str(len(cover.capsules)), said(cover.left)
+    wasted = ", ".join(f"×{ratio:.1f}" for ratio in cover.ratios) or "-"
+    return said(cover.own), said(cover.arm), str(len(cover.capsules)), said(cover.left), wasted
 
 
 def _show_proof(proof: Proof) -> None:

@@ -71,7 +71,7 @@ class World:
         spec = mujoco.MjSpec()
         _decorate(spec, scene, pretty, width, height)
         frame = spec.worldbody.add_frame(pos=robot.mount.tolist())
-        arm = mujoco.MjSpec.from_file(str(robot.mjcf))
+        arm = robot.spec()
         for geom in arm.geoms:
             # the shield keeps the arm off itself; MuJoCo would push apart what overlaps by its make
             geom.contype = geom.conaffinity = 0

@@ -11,6 +11,7 @@ import gymnasium as gym
 from jssa_gym.evaluation.ledger import package_version, source_hash
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT, ROBOTS, make_robot
+from jssa_gym.robots.mjcf import COLLISION_GROUP
 
 
 def named(thing: Any) -> str:
@@ -32,6 +33,8 @@ def robot_identity(robot: str) -> str:
         return robot
     model = make_robot(robot)
     content = model.mjcf.read_bytes() + pickle.dumps((model.limits, model.home, model.uncovered))
+    if model.group != COLLISION_GROUP:
+        content += str(model.group).encode()
     return f"{model.name} {hashlib.sha256(content).hexdigest()[:16]}"
 
 

@@ -42,7 +42,7 @@ class Oracle:
         self._mujoco = mujoco
         spec = mujoco.MjSpec()
         frame = spec.worldbody.add_frame(pos=robot.mount.tolist())
-        spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf)), prefix="robot/", frame=frame)
+        spec.attach(robot.spec(), prefix="robot/", frame=frame)
         length = np.linalg.norm(end - start, axis=-1)
         self._half, self._middle = length / 2.0, (start + end) / 2.0
         self._turn = _turn((end - start) / np.maximum(length, _POINT)[..., None])

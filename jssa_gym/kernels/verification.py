@@ -187,6 +187,12 @@ def _off(until, t, lasting):
 
 
 @jit
+def _rests(gap, rate, t):
+    """Whether a pair that is closed already may stay so: from now on only what rounding leaves of rest moves it."""
+    return t == 0.0 and gap <= 0.0 and rate <= REST_SPEED
+
+
+@jit
 def apart(one, two, far):
     """Whether two axes are farther apart than ``far`` [m]: the balls around them are, which is seen faster."""
     between, length, width = 0.0, 0.0, 0.0
@@ -249,13 +255,13 @@ def keeps_clear(robot, motion, ticks, around, work):
                 if not (lasts > _SHORTEST):
                     return REACH, i, k, t
                 lasting, people_off[i, k] = min(lasting, lasts), t + lasts
-            if rate <= REST_SPEED:
+            if rate <= 0.0:
                 continue
             for k in range(planes.shape[0]):
                 if _off(planes_off[i, k], t, lasting) or stands(part, planes[k]):
                     continue
                 gap, _ = plane_pair(part["start"], part["end"], part["radius"], planes[k])
-                lasts = (gap - margin) / rate
+                lasts = np.inf if _rests(gap - margin, rate, t) else (gap - margin) / rate
                 if not (lasts > _SHORTEST):
                     return HALF_SPACE, i, k, t
                 lasting, planes_off[i, k] = min(lasting, lasts), t + lasts
@@ -265,7 +271,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                 static = statics[k]
                 radii = part["radius"] + static["radius"]
                 gap, _, _ = capsule_pair(part["start"], part["end"], static["start"], static["end"], radii)
-                lasts = (gap - margin) / rate
+                lasts = np.inf if _rests(gap - margin, rate, t) else (gap - margin) / rate
                 if not (lasts > _SHORTEST):
                     return STATIC, i, k, t
                 lasting, statics_off[i, k] = min(lasting, lasts), t + lasts
@@ -280,10 +286,10 @@ def keeps_clear(robot, motion, ticks, around, work):
             rate = 0.0
             for j in range(one["link"] + 1, two["link"] + 1):
                 rate += levers[outer, j] * fastest[j]
-            if rate <= REST_SPEED:
+            if rate <= 0.0:
                 continue
             gap, _, _ = capsule_pair(one["start"], one["end"], two["start"], two["end"], one["radius"] + two["radius"])
-            lasts = (gap - 2.0 * margin) / rate
+            lasts = np.inf if _rests(gap - 2.0 * margin, rate, t) else (gap - 2.0 * margin) / rate
             if not (lasts > _SHORTEST):
                 return SELF, outer, inner, t
             lasting, self_off[k] = min(lasting, lasts), t + lasts

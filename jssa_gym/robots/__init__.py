@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from jssa_gym.exceptions import ParameterError, RobotModelError
-from jssa_gym.robots.limits import read_limits
+from jssa_gym.robots.limits import LIMITS, read_limits
 from jssa_gym.robots.lr_mate_200id_7l import lr_mate_200id_7l
-from jssa_gym.robots.menagerie import MENAGERIE, prepared_folder
+from jssa_gym.robots.menagerie import MENAGERIE, prepared_folder, published_limits
 from jssa_gym.robots.model import JointLimits, LimitsError, RobotModel
 
 
@@ -56,19 +56,30 @@ def _built(build: Callable[[], RobotModel]) -> RobotModel:
     return build()
 
 
+def guessed_limits(name: str) -> tuple[str, ...]:
+    """Which limits of an arm of :data:`ROBOTS` or ``MENAGERIE`` nobody has stated; nothing is downloaded for it."""
+    if name in ROBOTS:
+        return make_robot(name).guessed
+    table = published_limits(name)
+    return LIMITS if table is None else table.guessed
+
+
 def make_robot(robot: str | Path | RobotModel) -> RobotModel:
-    """A robot from its name, an MJCF file or a prepared folder; a model as it is.
+    """A robot from its name, an MJCF or URDF file or a prepared folder; a model as it is.
 
     Names are those of :data:`ROBOTS` and of :data:`~jssa_gym.robots.menagerie.MENAGERIE`, folders those that
     ``jssa-gym robot check --write`` has made.
 
-    The limits of ``arm.xml``, which MJCF has no place for, are read from ``arm.limits.toml`` beside it::
+    The limits of ``arm.xml`` or ``arm.urdf``, which those have no place for, are read from ``arm.limits.toml`` beside
+    it::
 
         unit = "deg"          # or "rad"
         velocity = [370, 310] # one number a joint
         acceleration = [641, 576]
         jerk = [3798, 3408]
         uncovered = []        # joints of links that may draw something outside of capsules: nothing is promised there
+        group = 3             # geom group that holds the capsules; without it 3, and of a URDF 0, its <collision>
+        guessed = ["jerk"]    # which of these nobody has stated
 
     Raises:
         ParameterError: Neither a name nor a file.
@@ -83,19 +94,14 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
         return replace(make_robot(prepared_folder(robot)), name=robot)
     if isinstance(robot, str | Path) and (Path(robot) / PREPARED).is_file():
         robot = Path(robot) / PREPARED
-    if isinstance(robot, str | Path) and Path(robot).suffix == ".urdf":
+    if not isinstance(robot, str | Path) or Path(robot).suffix not in (".xml", ".urdf"):
         raise ParameterError(
-            f"{Path(robot).name} is a URDF, and a robot is an MJCF file: `jssa-gym robot check {robot} --write DIR` "
-            "makes a folder of it that can be named instead"
-        )
-    if not isinstance(robot, str | Path) or Path(robot).suffix != ".xml":
-        raise ParameterError(
-            f"unknown robot {robot!r}; valid: a RobotModel, an MJCF file (.xml), a folder of `jssa-gym robot check "
-            f"--write`, or one of {', '.join((*ROBOTS, *MENAGERIE))}"
+            f"unknown robot {robot!r}; valid: a RobotModel, an MJCF or URDF file (.xml, .urdf), a folder of `jssa-gym "
+            f"robot check --write`, or one of {', '.join((*ROBOTS, *MENAGERIE))}"
         )
     path = Path(robot)
     if not path.is_file():
-        raise RobotModelError(f"no MJCF file at {path}")
+        raise RobotModelError(f"no {'URDF' if path.suffix == '.urdf' else 'MJCF'} file at {path}")
     beside = path.with_suffix(".limits.toml")
     if not beside.is_file():
         raise RobotModelError(
@@ -104,14 +110,16 @@ def make_robot(robot: str | Path | RobotModel) -> RobotModel:
         )
     table = read_limits(beside)
     try:
-        return RobotModel.from_mjcf(
+        model = RobotModel.from_mjcf(
             path,
             velocity=table.velocity,
             acceleration=table.acceleration,
             jerk=table.jerk,
             uncovered=table.uncovered,
+            group=table.group,
         )
     except LimitsError as error:
         raise RobotModelError(f"{path.with_suffix('.limits.toml').name}: {error}") from error
     except UnicodeDecodeError as error:  # of a file that it includes
         raise RobotModelError(f"{path} has a name that is not in UTF-8: {error}") from error
+    return replace(model, guessed=table.guessed)

@@ -27,15 +27,11 @@ _ALONG = 9
 _LONG = 0.02
 """Edge from which a triangle of a mesh is looked at between its corners too [m]."""
 
-COVERED = 1e-3
-"""How far a link without capsules may reach out of those of the link before it [m]: what turns inside another one."""
+TOLERATED = 1e-3
+"""How far what a link draws may reach out of the capsules that are to hold it [m]."""
 
 NOTED = 5e-3
-"""How far a link, or the base, may reach out of all capsules of the arm without being noted [m]."""
-
-UNMEASURED = 0.3
-"""How far a link may reach out of all capsules of the arm [m]: a token capsule is none. Published arms with capsules
-reach up to 26 mm."""
+"""How far the base may reach out of all capsules of the arm without being noted [m]."""
 
 _NOTE = "%s, which reaches %.0f mm out of all capsules: nothing is measured there"
 
@@ -57,7 +53,7 @@ class Coverage:
     joined: float
     """Outside of its own and of the capsules of the link before it, at the worst angle of the joint between [m]."""
     arm: float
-    """Outside of all capsules of the arm, at the worst angles of its joint and of the next one, the others at home."""
+    """Outside of these and of the capsules of the link after it, at the worst angle of the joint between those [m]."""
 
 
 def coverage(
@@ -81,12 +77,11 @@ def coverage(
 
     data, measured = mujoco.MjData(model), measured_geoms(model, group)
     link, found = _link_of_geom(model, link_of_body), []
-    capsules = np.flatnonzero((link >= 0) & measured)
     for i, joint in enumerate(joints):
         geoms = np.flatnonzero((link == i) & ~measured)
         if not len(geoms):
             continue
-        own, before = np.flatnonzero((link == i) & measured), np.flatnonzero((link == i - 1) & measured)
+        before, own, after = (np.flatnonzero((link == k) & measured) for k in (i - 1, i, i + 1))
         carrier = model.jnt_bodyid[joint]
         _pose(model, data, home)
         points, radius = _drawn(model, data, geoms, carrier)
@@ -95,10 +90,11 @@ def coverage(
         out = gap + radius > 0.0
         points, radius, gap = points[out], radius[out], gap[out]
         # what covers at some angle only does not measure: each point counts where it is farthest out
-        beside = _farthest(model, data, home, [joint], before, carrier, points)
-        anywhere = _farthest(model, data, home, joints[i : i + 2], capsules, carrier, points)
-        joined = float((np.minimum(gap, beside) + radius).max(initial=0.0))
-        arm = float((anywhere + radius).max(initial=0.0))
+        gap = np.minimum(gap, _farthest(model, data, home, joint, before, carrier, points))
+        joined = float((gap + radius).max(initial=0.0))
+        if i + 1 < len(joints):
+            gap = np.minimum(gap, _farthest(model, data, home, joints[i + 1], after, carrier, points))
+        arm = float((gap + radius).max(initial=0.0))
         found.append(Coverage(i, tuple(geoms.tolist()), tuple(own.tolist()), alone, joined, arm))
     return found
 
@@ -117,13 +113,12 @@ def check_coverage(
     group: int,
     spared: Sequence[int] = (),
 ) -> None:
-    """Refuse links that are drawn but not measured; note those whose capsules leave out a good part, and the base.
+    """Refuse links that are drawn but not measured; note what the base draws outside of capsules.
 
     Arguments as of :func:`coverage`; ``spared`` are numbers of links that may be drawn outside of capsules.
 
     Raises:
-        RobotModelError: A link draws something that is in no capsule, or far out of all; the message names all such
-            links.
+        RobotModelError: A link draws something that is in no capsule; the message names all such links.
     """
     import mujoco
 
@@ -138,25 +133,22 @@ def check_coverage(
     if parts := [f"{told(link)}, {fault}" for link in links if (fault := fault_of_cover(link))]:
         raise RobotModelError(
             f"{'; '.join(parts)}: distances are measured with capsules alone, so enclose what a link draws in capsules "
-            f"of group {group}"
+            f"of group {group}, to {1e3 * TOLERATED:.0f} mm, or name its joint in `uncovered`"
         )
-    for link in links:
-        if link.arm > NOTED:
-            _logger.warning(_NOTE, told(link), 1e3 * link.arm)
     geoms, out = _base(model, link_of_body, home, group)
     if out > NOTED:
         _logger.warning(_NOTE, says("the base", geoms), 1e3 * out)
 
 
 def fault_of_cover(link: Coverage) -> str:
-    """Why a link is not measured; empty if it is."""
-    if not link.capsules and link.joined > COVERED:
-        return "has no capsule, and reaches " + (
-            f"{1e3 * link.joined:.0f} mm out of those of the link before it"
-            if np.isfinite(link.joined)
-            else f"{1e3 * link.arm:.0f} mm out of all others"
-        )
-    return f"and reaches {1e3 * link.arm:.0f} mm out of all capsules" if link.arm > UNMEASURED else ""
+    """Why a link is not measured; empty if it is: in its own capsules and those of its neighbours."""
+    if not link.capsules and link.joined > TOLERATED:
+        if np.isfinite(link.joined):
+            return f"has no capsule, and reaches {1e3 * link.joined:.3g} mm out of those of the link before it"
+        return "has no capsule, nor has the link before it"
+    if link.arm <= TOLERATED:
+        return ""
+    return f"and reaches {1e3 * link.arm:.3g} mm out of its capsules and those of the links beside it"
 
 
 def _base(
@@ -220,17 +212,16 @@ def _farthest(
     model: "mujoco.MjModel",
     data: "mujoco.MjData",
     home: Array,
-    joints: Sequence[int],
+    joint: int,
     capsules: NDArray[np.int64],
     body: int,
     points: Array,
 ) -> Array:
-    """The largest of :func:`_gaps` of every point while one joint after the other turns, the others at home, (p,)."""
+    """The largest of :func:`_gaps` of every point while one joint turns, the others at home, shape (p,) [m]."""
     farthest = np.full(len(points), -np.inf)
-    for joint in joints:
-        for turn in np.linspace(*model.jnt_range[joint], _TURNS):
-            _pose(model, data, home, joint, turn)
-            farthest = np.maximum(farthest, _gaps(model, data, capsules, body, points))
+    for turn in np.linspace(*model.jnt_range[joint], _TURNS):
+        _pose(model, data, home, joint, turn)
+        farthest = np.maximum(farthest, _gaps(model, data, capsules, body, points))
     return farthest
 
 

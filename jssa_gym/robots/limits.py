@@ -42,6 +42,8 @@ class LimitTable:
     """Who has stated the others."""
     uncovered: tuple[str, ...] = ()
     """Links that draw something outside of capsules, and that nothing is promised about."""
+    group: int | None = None
+    """Geom group of the arm's file that holds the capsules; None for the usual one."""
 
 
 def read_limits(path: Path, partial: bool = False) -> LimitTable:
@@ -49,7 +51,7 @@ def read_limits(path: Path, partial: bool = False) -> LimitTable:
 
     Args:
         path: Of the table.
-        partial: Whether acceleration and jerk may be missing; they are guessed then.
+        partial: Whether jerk, or acceleration and jerk, may be missing; they are guessed then.
 
     Raises:
         RobotModelError: It is not there, no such table, or lacks something.
@@ -61,31 +63,27 @@ def read_limits(path: Path, partial: bool = False) -> LimitTable:
     except (ValueError, RecursionError) as error:  # the former of numbers that are too long, too
         raise RobotModelError(f"{path.name} is not valid TOML: {error}") from error
     missing = [name for name in LIMITS if name not in table]
-    if partial and isinstance(table.get("velocity"), list):
-        guessed = [name for name in missing if name != "velocity"]
-        if guessed == ["acceleration", "jerk"]:
-            table |= {"acceleration": table["velocity"], "jerk": table["velocity"], "guessed": guessed}
-            missing = []
-    else:
-        guessed = []
-    if missing or table.get("unit") not in ("deg", "rad"):
+    guessed = missing if partial and missing in (["jerk"], ["acceleration", "jerk"]) else []
+    if missing != guessed or table.get("unit") not in ("deg", "rad"):
         raise RobotModelError(f"{path.name} needs velocity, acceleration, jerk, and unit = 'deg' or 'rad'")
     factor = np.pi / 180.0 if table["unit"] == "deg" else 1.0
     try:
-        velocity, acceleration, jerk = (factor * np.asarray(table[name], float) for name in LIMITS)
+        given = {name: factor * np.asarray(table[name], float) for name in LIMITS if name in table}
     except (ValueError, TypeError, OverflowError) as error:
         raise RobotModelError(
             f"{path.name}: velocity, acceleration, jerk have to be lists of numbers: {error}"
         ) from error
-    if guessed:
-        acceleration, jerk = _guess_beyond(velocity)
+    velocity = given["velocity"]
+    acceleration = given.get("acceleration", velocity / _RISE)
+    jerk = given.get("jerk", _guessed_jerk(acceleration))
     return LimitTable(
         velocity,
         acceleration,
         jerk,
-        _names(path, table, "guessed"),
+        tuple(guessed) or _names(path, table, "guessed"),
         str(table.get("source", "")),
         _names(path, table, "uncovered"),
+        _group(path, table),
     )
 
 
@@ -94,6 +92,13 @@ def _names(path: Path, table: Mapping[str, Any], key: str) -> tuple[str, ...]:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise RobotModelError(f"{path.name}: {key} has to be a list of names, got {names!r}")
     return tuple(names)
+
+
+def _group(path: Path, table: Mapping[str, Any]) -> int | None:
+    group = table.get("group")
+    if group is not None and (not isinstance(group, int) or isinstance(group, bool)):
+        raise RobotModelError(f"{path.name}: group has to be the number of a geom group, got {group!r}")
+    return group
 
 
 def guess_limits(joints: Sequence[str], velocity: Mapping[str, float], source: str) -> LimitTable:
@@ -107,10 +112,10 @@ def guess_limits(joints: Sequence[str], velocity: Mapping[str, float], source: s
     speeds = np.array([velocity.get(name, GUESSED_VELOCITY) for name in joints])
     stated = all(name in velocity for name in joints)
     guessed = ("acceleration", "jerk") if stated else LIMITS
-    return LimitTable(speeds, *_guess_beyond(speeds), guessed, source if velocity else "")
+    acceleration = speeds / _RISE
+    return LimitTable(speeds, acceleration, _guessed_jerk(acceleration), guessed, source if velocity else "")
 
 
-def _guess_beyond(velocity: Array) -> tuple[Array, Array]:
-    """Acceleration and jerk limits to go with velocity limits."""
-    acceleration = velocity / _RISE
-    return acceleration, 0.9 * acceleration / _EASE
+def _guessed_jerk(acceleration: Array) -> Array:
+    """Jerk limits to go with acceleration limits."""
+    return 0.9 * acceleration / _EASE

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jssa_gym.exceptions import MissingExtraError, RobotModelError
+from jssa_gym.robots.limits import LimitTable, read_limits
 
 INSTALL = "pip install 'jssa-gym[robots]', or pip install -e '.[robots]' in a clone"
 
@@ -73,6 +74,12 @@ def prepared_folder(name: str) -> Path:
     return folder
 
 
+def published_limits(name: str) -> LimitTable | None:
+    """Limits of an arm of :data:`MENAGERIE` from public data, the rest guessed; None if there are none."""
+    table = _table(name)
+    return None if table is None else read_limits(table, partial=True)
+
+
 def _prepare(file: Path, origin: Origin, name: str, folder: Path) -> None:
     """Whole or not there: two processes may begin at once."""
     from jssa_gym.robots.prepare import Preparation, examine, write_prepared
@@ -99,7 +106,8 @@ def _table(name: str) -> Path | None:
 def _digest(file: Path, name: str) -> str:
     """What changes with the arm's files and with what prepares them."""
     here = Path(__file__).parent
-    sources = [*sorted((here / "prepare").glob("*.py")), here / "coverage.py", here / "limits.py"]
+    readers = ("coverage.py", "findings.py", "limits.py", "mjcf.py", "reading.py")
+    sources = [*sorted((here / "prepare").glob("*.py")), *(here / name for name in readers)]
     sources += [table] if (table := _table(name)) is not None else []
     digest = hashlib.sha256()
     for path in (*sources, *sorted(path for path in file.parent.rglob("*") if path.is_file())):

@@ -14,16 +14,19 @@ if TYPE_CHECKING:
     import mujoco
 
 COLLISION_GROUP = 3
-"""MJCF geom group that holds the capsules."""
+"""MJCF geom group that holds the capsules, where nothing else is said."""
+
+URDF_GROUP = 0
+"""Geom group in which MuJoCo puts the ``<collision>`` shapes of a URDF."""
 
 
-def joints_of_arm(model: "mujoco.MjModel", name: str) -> list[int]:
-    """Joint ids of a model that is a serial arm with capsules.
+def joints_of_arm(model: "mujoco.MjModel", name: str, group: int = COLLISION_GROUP) -> list[int]:
+    """Joint ids of a model that is a serial arm with capsules in a geom group.
 
     Raises:
         RobotModelError: It is not; the message has all that is in the way.
     """
-    faults = serial_faults(model) + _capsule_faults(model)
+    faults = serial_faults(model) + _capsule_faults(model, group)
     if len(faults) > 1:
         faults.append(f"`jssa-gym robot check {name}` makes a model of it")
     if faults:
@@ -31,25 +34,23 @@ def joints_of_arm(model: "mujoco.MjModel", name: str) -> list[int]:
     return list(range(model.njnt))
 
 
-def _capsule_faults(model: "mujoco.MjModel") -> list[str]:
+def _capsule_faults(model: "mujoco.MjModel", group: int) -> list[str]:
     """What is wrong with the geoms that distances are to be measured with."""
     import mujoco
 
-    measured = [g for g in range(model.ngeom) if model.geom_group[g] == COLLISION_GROUP]
+    measured = [g for g in range(model.ngeom) if model.geom_group[g] == group]
     if not measured:
-        return [f"the model has no capsule geoms in group {COLLISION_GROUP}; they are what distances are measured with"]
+        return [f"the model has no capsule geoms in group {group}; they are what distances are measured with"]
     carried, faults = carrier_links(model, list(range(model.njnt))), []
     for g in measured:
         geom, kind = called(model, mujoco.mjtObj.mjOBJ_GEOM, g), mujoco.mjtGeom(model.geom_type[g])
         if kind not in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE):
             faults.append(
-                f"{geom} in group {COLLISION_GROUP} is a {kind.name[7:].lower()}; "
-                "collision geoms have to be capsules or spheres"
+                f"{geom} in group {group} is a {kind.name[7:].lower()}; collision geoms have to be capsules or spheres"
             )
         elif model.njnt and carried[int(model.geom_bodyid[g])] < 0:
             faults.append(
-                f"{geom} in group {COLLISION_GROUP} does not move with any joint; "
-                "enclose the base in a capsule of the first link"
+                f"{geom} in group {group} does not move with any joint; enclose the base in a capsule of the first link"
             )
     return faults
 
@@ -108,14 +109,14 @@ def _carried_to(model: "mujoco.MjModel", body: int, link: int, anchors: list[Arr
 
 
 def capsules_of(
-    model: "mujoco.MjModel", link_of_body: dict[int, int], anchors: list[Array]
+    model: "mujoco.MjModel", link_of_body: dict[int, int], anchors: list[Array], group: int = COLLISION_GROUP
 ) -> tuple[NDArray, tuple[str, ...], list[int]]:
     """Capsules in their links' frames, their names, and the bodies that they sit on."""
     import mujoco
 
     rows, names, bodies = [], [], []
     for g in range(model.ngeom):
-        if model.geom_group[g] != COLLISION_GROUP:
+        if model.geom_group[g] != group:
             continue
         kind, body = mujoco.mjtGeom(model.geom_type[g]), int(model.geom_bodyid[g])
         link = link_of_body[body]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.exceptions import RobotModelError
-from jssa_gym.headless import choose_gl_backend
 from jssa_gym.kernels.records import CAPSULE, LINK
 from jssa_gym.robots.coverage import check_coverage
 from jssa_gym.robots.mjcf import (
@@ -21,7 +20,7 @@ from jssa_gym.robots.mjcf import (
     self_pairs_of,
     tool_of,
 )
-from jssa_gym.storage import read_text
+from jssa_gym.robots.reading import read_source, read_spec
 from jssa_gym.types import Array
 
 if TYPE_CHECKING:
@@ -109,10 +108,15 @@ class RobotModel:
     tool_offset: Array
     """Tool centre point in the frame of ``tool_link``, shape (3,) [m]."""
     mjcf: Path
+    """File that it was read from, MJCF or URDF."""
     mount: Array = field(default_factory=lambda: _frozen(np.zeros(3)))
     """Where the MJCF's world origin stands in the world, shape (3,) [m]."""
     uncovered: tuple[str, ...] = ()
     """Joints of links that draw something outside of capsules: nothing is measured there, and nothing promised."""
+    group: int = COLLISION_GROUP
+    """Geom group of the file that holds the capsules."""
+    guessed: tuple[str, ...] = ()
+    """Which of the limits nobody has stated, as their table says: ``velocity``, ``acceleration``, ``jerk``."""
 
     __reduce__ = _made_anew
 
@@ -146,6 +150,14 @@ class RobotModel:
             raise RobotModelError(f"{self.name} has {self.n} joints, the limits are for {len(limits.jerk)}")
         return replace(self, limits=limits)
 
+    def spec(self) -> "mujoco.MjSpec":
+        """What its file describes, for a scene of MuJoCo's; the capsules are in group 3, whichever the file has."""
+        spec = read_spec(self.mjcf)
+        swapped = {self.group: COLLISION_GROUP, COLLISION_GROUP: self.group}
+        for geom in spec.geoms if self.group != COLLISION_GROUP else ():
+            geom.group = swapped.get(geom.group, geom.group)
+        return spec
+
     @classmethod
     def from_mjcf(
         cls,
@@ -157,47 +169,42 @@ class RobotModel:
         tool_site: str = "tcp",
         home_key: str = "home",
         uncovered: Sequence[str] = (),
+        group: int | None = None,
     ) -> Self:
-        """Read a serial arm of hinge joints from an MJCF file.
+        """Read a serial arm of hinge joints from an MJCF or URDF file.
 
-        Joints, offsets and position ranges come from the file; capsules are its capsule and sphere geoms in group 3.
-        A link that draws something needs some, or turns inside those of the link before it, and reaches at most 300 mm
-        out of all; what reaches out by more than 5 mm is logged, of the fixed base too. Two capsules are a
-        self-collision pair if their links are neither equal nor neighbours and no ``<contact><exclude/>`` names their
-        bodies. MJCF has no velocity, acceleration or jerk limits.
+        Joints, offsets and position ranges come from the file; capsules are the capsule and sphere geoms of one group.
+        What a link draws has to lie in its own capsules and those of the links before and after it, to 1 mm; what the
+        fixed base draws outside of all is logged. This is what ``jssa-gym robot check`` goes by, which makes a model
+        of most other files. Two capsules are a self-collision pair if their links are neither equal nor neighbours and
+        no ``<contact><exclude/>`` names their bodies. Files have no acceleration or jerk limits, MJCF none of velocity.
 
         Args:
-            path: The MJCF file.
+            path: The file; packages that a URDF names are looked for in and beside the folders that hold it.
             velocity: Shape (n,) [rad/s].
             acceleration: Shape (n,) [rad/s²].
             jerk: Shape (n,) [rad/s³].
             tool_site: Name of the site at the tool centre point; without it, the origin of the last link.
             home_key: Name of the keyframe with the home position; without it, mid-range of every joint.
             uncovered: Joints of links that need no capsules; see :attr:`uncovered`.
+            group: Geom group that holds the capsules; 3 by default, and of a URDF 0, which has its ``<collision>``.
 
         Raises:
             RobotModelError: The file cannot be read, or holds what a serial arm of hinge joints with capsules
                 cannot be; the message names the joint, geom or link.
         """
-        choose_gl_backend()
-        import mujoco
-
-        path = Path(path).resolve()
-        if not path.is_file():
-            raise RobotModelError(f"no MJCF file at {path}")
-        read_text(path, RobotModelError)  # MuJoCo takes any bytes, and ends at the first NUL
-        try:
-            model = mujoco.MjModel.from_xml_path(str(path))
-        except ValueError as error:
-            raise RobotModelError(f"{path.name} does not compile: {error}") from error
-
-        joints = joints_of_arm(model, path.name)
+        source = read_source(path)
+        path, model = source.path, source.model
+        if faults := [str(finding) for finding in source.findings if not finding.fits]:
+            raise RobotModelError(f"{'; '.join(faults)}; `jssa-gym robot check {path.name}` makes a model of it")
+        group = source.group if group is None else group
+        joints = joints_of_arm(model, path.name, group)
         links, anchors = chain_of(model, joints)
         limits = JointLimits(
             _frozen([model.jnt_range[j] for j in joints]), _frozen(velocity), _frozen(acceleration), _frozen(jerk)
         )
         link_of_body = carrier_links(model, joints)
-        capsules, names, bodies = capsules_of(model, link_of_body, anchors)
+        capsules, names, bodies = capsules_of(model, link_of_body, anchors, group)
         tool_link, tool_offset = tool_of(model, tool_site, link_of_body, anchors)
         keys = [model.key_qpos[k].copy() for k in range(model.nkey) if model.key(k).name == home_key]
         home = keys[-1] if keys else np.array(limits.position.mean(axis=1))
@@ -208,7 +215,7 @@ class RobotModel:
         if unknown := [name for name in uncovered if name not in names_of_joints]:
             raise RobotModelError(f"no joint {unknown[0]!r} to leave uncovered; there are {', '.join(names_of_joints)}")
         spared = [i for i, name in enumerate(names_of_joints) if name in uncovered]
-        check_coverage(model, joints, link_of_body, home, COLLISION_GROUP, spared)
+        check_coverage(model, joints, link_of_body, home, group, spared)
         return cls(
             name=_model_name(model) or path.stem,
             joint_names=names_of_joints,
@@ -222,6 +229,7 @@ class RobotModel:
             tool_offset=_frozen(tool_offset),
             mjcf=path,
             uncovered=tuple(uncovered),
+            group=group,
         )
 
 

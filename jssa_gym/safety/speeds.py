@@ -7,7 +7,8 @@ import numpy as np
 
 from jssa_gym.humans import Recording
 from jssa_gym.humans.survey import steps_of
-from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.safety.failsafe import LEG_SPEEDS, FailsafeParams
+from jssa_gym.safety.parts import by_name
 
 _ROUNDING = 1e-9
 """Share of a bound by which a speed may exceed it."""
@@ -80,3 +81,18 @@ def sufficient(parts: Sequence[PartSpeed], params: FailsafeParams) -> dict[str, 
                 params, raised = changed, {**raised, name: needed}
                 break
     return raised
+
+
+def legs_of_feet(recording: Recording, params: FailsafeParams) -> tuple[str, ...]:
+    """Parts that are too fast, and would not be with ``end_speeds=LEG_SPEEDS``: legs whose other end is a foot.
+
+    None if another leg would still be too fast with it.
+    """
+    changed, found = replace(params, end_speeds={**LEG_SPEEDS, **(params.end_speeds or {})}), []
+    for name, ends in zip(recording.names, recording.end_speeds, strict=True):
+        if by_name(LEG_SPEEDS, name) is None or ends.max() <= params.speed_of(name) * (1.0 + _ROUNDING):
+            continue
+        if np.any(ends > np.array(changed.end_speeds_of(name)) * (1.0 + _ROUNDING)):
+            return ()
+        found.append(name)
+    return tuple(found)

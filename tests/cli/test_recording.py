@@ -16,8 +16,8 @@ from jssa_gym.evaluation.study import Single, Study
 from jssa_gym.exceptions import ParameterError, RecordingError
 from jssa_gym.humans import Body, Crowd, Recorded, Recording, make_human
 from jssa_gym.humans.body import NAMES
-from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.speeds import part_speeds, sufficient, time_beyond
+from jssa_gym.safety.failsafe import LEG_SPEEDS, FailsafeParams
+from jssa_gym.safety.speeds import legs_of_feet, part_speeds, sufficient, time_beyond
 from jssa_gym.types import Status
 
 RATE = 120.0
@@ -68,6 +68,7 @@ def test_check_says_all_of_a_gait(tmp_path, here):
     assert told["beyond"] == pytest.approx((fast > 1.6).mean(), abs=1e-9)
     params = FailsafeParams(**told["sufficient"])
     assert all(part["speed"] <= params.speed_of(name) for name, part in parts.items())
+    assert told["legs_of_feet"] == ["right_leg", "left_leg"]
     assert any("R Foot" in name and far > 0.1 for name, far in told["outside"].items())
 
 
@@ -79,7 +80,7 @@ def test_check_says_it_in_words(tmp_path, here):
         "walk.bvh: 480 frames in 3.99 s, 120 a second; 6 capsules",
         "taken as centimetres with y up: 1.5",
         "head 1.56 m above the floor",
-        "failsafe=FailsafeParams(",
+        "failsafe=FailsafeParams(end_speeds=LEG_SPEEDS) (jssa_gym.safety.failsafe has LEG_SPEEDS: hips walk, ",
         "Recorded(FILE, pace=0.4",
         "outside of all capsules by up to: the end site of mixamorig:RightFoot 0.11 m",
         "--body jointed",
@@ -163,6 +164,26 @@ def test_the_speeds_that_suffice_are_the_fewest():
     assert sufficient(part_speeds(recording, params), params) == {"limb_speed": 2.4, "human_speed": 1.9}
 
 
+@pytest.mark.parametrize(
+    ("speeds", "legs"),
+    [
+        ({"right_leg": (1.0, 3.9), "left_leg": (1.5, 4.7)}, ("right_leg", "left_leg")),
+        ({"right_leg": (1.0, 1.5), "left_leg": (1.5, 4.7)}, ("left_leg",)),
+        ({"right_leg": (1.7, 3.9), "left_leg": (1.5, 4.7)}, ()),  # a hip that runs
+        ({"right_leg": (1.0, 4.9), "left_leg": (1.5, 4.7)}, ()),  # a foot that kicks
+        ({"right_leg": (1.0, 1.5), "right_arm": (1.0, 4.7)}, ()),
+    ],
+)
+def test_a_leg_that_is_too_fast_at_its_foot_alone_needs_bounds_of_its_own(speeds, legs):
+    body = Body.facing()
+    start, end = (np.repeat(ends[None] + [3.0, 0.0, 0.0], 2, axis=0) for ends in (body.start, body.end))
+    for name, (near, far) in speeds.items():
+        start[1, NAMES.index(name), 1] += near
+        end[1, NAMES.index(name), 1] += far
+    recording = Recording(np.array([0.0, 1.0]), start, end, body.radius, NAMES)
+    assert legs_of_feet(recording, FailsafeParams()) == legs
+
+
 # ---- wherever a name does -----------------------------------------------------------------------------
 
 
@@ -216,8 +237,9 @@ def test_a_gait_stops_a_shield_that_assumes_less_until_one_does_as_was_said(tmp_
     path = write(tmp_path / "walk.bvh")
     assert (play(path) == Status.FAULT).sum() > 200
     said = here("recording", "check", path).stdout
-    speeds = {name: float(value) for name, value in re.findall(r"(\w+_speed)=([\d.]+)", said)}
-    assert speeds
+    assert "failsafe=FailsafeParams(end_speeds=LEG_SPEEDS)" in said
+    assert (play(path, failsafe=FailsafeParams(end_speeds=LEG_SPEEDS)) == Status.FAULT).sum() == 0
+    speeds = json.loads(here("recording", "check", path, "--json").stdout)["sufficient"]
     assert (play(path, failsafe=FailsafeParams(**speeds)) == Status.FAULT).sum() == 0
     pace = float(re.search(r"pace=([\d.]+)", said)[1])
     assert (play(Recorded(path, pace=pace)) == Status.FAULT).sum() == 0

@@ -1,5 +1,6 @@
 """``jssa-gym robot``, and ``--robot`` wherever there is an arm."""
 
+import dataclasses
 import json
 
 import pytest
@@ -8,7 +9,7 @@ from robots_arms import gripper
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.proof import prove
 from jssa_gym.evaluation.study import Study
-from jssa_gym.exceptions import ParameterError
+from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.robots import ROBOTS, make_robot
 from jssa_gym.robots.prepare import Preparation, examine, write_prepared
 from jssa_gym.train.config import TrainConfig
@@ -40,6 +41,30 @@ def test_a_file_is_looked_at(here, arm):
     data = json.loads(told.stdout)
     assert [link["capsules_found"] for link in data["links"]] == [0, 0, 0, 0]
     assert sum(finding["stands"] for finding in data["findings"]) == 2
+    # a tube of 0.06 × 0.25 m gets one capsule, with caps beyond its ends
+    for link in data["links"][:3]:
+        assert link["capsules"] == 1
+        assert 1.0 < link["volume_ratios"][0] < 1.8
+        assert link["volume_ratio_of_one"] is None
+    ratio = data["links"][0]["volume_ratios"][0]
+    assert f", {ratio:.1f} times the hull of what each holds" in told.stdout
+    assert f"×{ratio:.1f}" in run.stdout
+
+
+def test_which_group_holds_the_capsules_is_an_option(here, tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="boom"><joint name="turn" axis="0 0 1" range="-90 90"/>'
+        '<geom name="tube" type="capsule" size=".1" fromto="0 0 .2  .4 0 .2" group="4"/></body></worldbody></mujoco>'
+    )
+    run = here("robot", "check", path, "--group", "4", "--json")
+    assert run.returncode == 1  # the reader goes by the table beside the file
+    data = json.loads(run.stdout)
+    assert [link["capsules_found"] for link in data["links"]] == [1]
+    assert "write group = 4 into arm.limits.toml" in run.stdout
+    assert [link["capsules_found"] for link in json.loads(here("robot", "check", path, "--json").stdout)["links"]] == [
+        0
+    ]
 
 
 @pytest.mark.gl
@@ -70,7 +95,7 @@ def test_nothing_is_written_before_all_is_decided(here, arm, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (("nowhere.xml",), "no robot's file at"),
+        (("nowhere.xml",), "no MJCF file at"),
         (("arm.xml", "--package", "one"), "--package takes NAME=DIR"),
         (("arm.xml", "--freeze", "elbow"), "no joint 'elbow'"),
     ],
@@ -86,13 +111,18 @@ def test_names_are_listed(here):
     names = json.loads(here("robot", "list", "--json").stdout)
     assert names["shipped"] == sorted(ROBOTS)
     assert "panda" in names["menagerie"]
-    assert "ur5e" in here("robot", "list").stdout
+    assert names["limits_guessed"]["ur5e"] == ["acceleration", "jerk"]
+    assert names["limits_guessed"]["panda"] == []
+    told = here("robot", "list").stdout
+    assert "shipped: fr3, lr_mate_200id_7l, ur5e" in told
+    (line,) = [line for line in told.splitlines() if line.startswith("acceleration, jerk limits are a guess")]
+    assert "ur5e" in line
 
 
 def test_a_proof_is_refused_where_capsules_do_not_hold_what_is_drawn(tmp_path, folder, arm):
-    """The judge reads the written file: thinner capsules in it are seen."""
-    examined = examine(arm, Preparation(("all",)))
-    sound = prove(examined, make_robot(folder), steps=30, opponents=("bang_bang",))
+    """Thinner capsules in the written file keep it from being read, and in a model from being proved."""
+    examined, robot = examine(arm, Preparation(("all",))), make_robot(folder)
+    sound = prove(examined, robot, steps=30, opponents=("bang_bang",))
     assert sound.holds
     assert sound.kinematic_error < 1e-12
     text = (folder / "robot.xml").read_text()
@@ -100,7 +130,11 @@ def test_a_proof_is_refused_where_capsules_do_not_hold_what_is_drawn(tmp_path, f
     start = text.index(name) + len(name)
     end = text.index('"', start)
     (folder / "robot.xml").write_text(text[:start] + "0.02" + text[end:])
-    thin = prove(examined, make_robot(folder), steps=2, opponents=())
+    with pytest.raises(RobotModelError, match=r"draws .* mm out of its capsules and those of the links beside it"):
+        make_robot(folder)
+    capsules = robot.capsules.copy()
+    capsules["radius"][robot.capsule_names.index("upper")] = 0.02
+    thin = prove(examined, dataclasses.replace(robot, capsules=capsules), steps=2, opponents=())
     assert thin.uncovered > 5e-3
     assert not thin.holds
 

@@ -578,6 +578,45 @@ def test_a_spinning_column_is_not_at_rest(robot):
         assert Case(motion, people=[person]).verdict()[0] == expected
 
 
+@pytest.mark.parametrize("kind", ["planes", "statics", "self"])
+def test_what_a_crawl_would_close_is_seen_and_what_rests_closed_may_stay(robot, kind):
+    """Nanometres, at a speed that elsewhere counts as rest: an episode ended 4 nm inside of the arm's own flange."""
+    lever = levers(robot)
+    state = np.array([robot.home, np.zeros(6), np.zeros(6)])
+    # the elbow, towards the base: 0.8 of what the outermost capsule may move by and rest
+    state[1, 2] = 0.8 * REST_SPEED / lever[:, 2].max()
+    inner, outer = next(
+        (i, j) for i, j in robot.self_pairs if robot.capsules["link"][i] < 2 < robot.capsules["link"][j]
+    )
+    for sign in (1.0, -1.0):
+        motion = Motion(robot, state * [[1.0], [sign], [1.0]], np.zeros(6))
+        one, two = motion.ends[:, inner], motion.ends[:, outer]
+        radius = robot.capsules["radius"][outer]
+        beyond = motion.ends[0, outer, 1] + [0.0, 0.0, -0.4]
+        gaps = {
+            "planes": motion.ends[:, outer, :, 2].min(axis=1) - radius,
+            "statics": segment_gaps(two[:, 0], two[:, 1], *(np.broadcast_to(beyond, two[:, 0].shape),) * 2) - radius,
+            "self": segment_gaps(one[:, 0], one[:, 1], two[:, 0], two[:, 1]),
+        }[kind]
+        if gaps[-1] < gaps[0]:
+            break
+    closes = gaps[0] - gaps[-1]
+    assert 1e-9 < closes < 1e-6
+    for left, safe in ((0.5 * closes, False), (3.0 * closes, True), (-0.5 * closes, True)):
+        if kind == "planes":
+            only = dataclasses.replace(robot, capsules=robot.capsules[[outer]], self_pairs=robot.self_pairs[:0])
+            case = Case(Motion(only, motion.state, motion.jerk), planes=[((0.0, 0.0, 1.0), gaps[0] - left)])
+        elif kind == "statics":
+            only = dataclasses.replace(robot, capsules=robot.capsules[[outer]], self_pairs=robot.self_pairs[:0])
+            case = Case(Motion(only, motion.state, motion.jerk), statics=[(beyond, beyond, gaps[0] - left)])
+        else:
+            thick = robot.capsules.copy()
+            thick["radius"][[inner, outer]] = (gaps[0] - left) / 2.0
+            pair = np.array([[inner, outer]])
+            case = Case(Motion(dataclasses.replace(robot, capsules=thick, self_pairs=pair), motion.state, motion.jerk))
+        assert (case.verdict(own=kind == "self")[0] == ver.SAFE) == safe
+
+
 def test_links_come_to_rest_one_after_the_other(robot):
     """Who arrives when a link rests already may touch it, though others still move."""
     state = np.array([robot.home, np.zeros(6), np.zeros(6)])

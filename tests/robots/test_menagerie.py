@@ -10,7 +10,7 @@ import pytest
 from robots_arms import gripper
 
 from jssa_gym.exceptions import MissingExtraError, ParameterError, RobotModelError
-from jssa_gym.robots import make_robot, menagerie
+from jssa_gym.robots import guessed_limits, make_robot, menagerie
 from jssa_gym.robots.limits import read_limits
 from jssa_gym.robots.menagerie import MENAGERIE, PUBLISHED, Origin
 
@@ -99,5 +99,24 @@ def test_published_limits_can_be_read_and_say_their_source(path):
     table = read_limits(path, partial=True)
     assert path.stem in MENAGERIE
     assert table.source
-    assert table.guessed in ((), ("acceleration", "jerk"))
+    assert table.guessed in ((), ("jerk",), ("acceleration", "jerk"))
+    assert guessed_limits(path.stem) == table.guessed
     assert np.all(table.velocity < 2.0 * np.pi)
+
+
+def test_limits_that_nobody_states_are_known_without_a_download():
+    assert guessed_limits("wx250s") == ("velocity", "acceleration", "jerk")
+    assert guessed_limits("menagerie_ur5e") == guessed_limits("ur5e") == make_robot("ur5e").guessed
+    assert guessed_limits("ur5e") == ("acceleration", "jerk")
+    assert guessed_limits("fr3") == guessed_limits("lr_mate_200id_7l") == ()
+
+
+def test_a_jerk_that_nobody_states_follows_from_the_acceleration_that_is(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text('unit = "deg"\nvelocity = [90, 90]\nacceleration = [300, 600]\nsource = "ours"\n')
+    table = read_limits(path, partial=True)
+    assert table.guessed == ("jerk",)
+    np.testing.assert_allclose(np.degrees(table.acceleration), [300, 600])
+    np.testing.assert_allclose(np.degrees(table.jerk), 0.9 * np.array([300, 600]) / 0.152)
+    with pytest.raises(RobotModelError, match=r"arm\.toml needs velocity, acceleration, jerk"):
+        read_limits(path)

@@ -331,8 +331,8 @@ REFUSED = {
         r"^tendon 1 has a range.* site 'hook' and site 'eye'",
     ),
     "tool on the base": (arm_xml(more='<site name="tcp"/>'), r"site 'tcp' does not move"),
-    "not XML": ("<mujoco><worldbody>", r"tiny\.xml does not compile"),
-    "not MJCF": ("<scene/>", r"tiny\.xml does not compile"),
+    "not XML": ("<mujoco><worldbody>", r"tiny\.xml is no XML"),
+    "not MJCF": ("<scene/>", r"tiny\.xml is neither MJCF nor URDF: its root is <scene>"),
     "unknown element": (arm_xml(extra="<nonsense/>"), r"tiny\.xml does not compile"),
 }
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from robots_arms import chain, link, two_arms, urdf
 
-from jssa_gym.exceptions import ParameterError, RobotModelError
+from jssa_gym.exceptions import RobotModelError
 from jssa_gym.robots import ROBOTS, make_robot
 from jssa_gym.robots.prepare import Preparation, examine, write_prepared
 from jssa_gym.robots.prepare.agreement import cover_of
@@ -292,8 +292,8 @@ def test_the_tool_s_name_is_said(save):
     )
 
 
-def test_a_urdf_is_no_model_yet():
-    with pytest.raises(ParameterError, match=r"arm.urdf is a URDF, .* `jssa-gym robot check arm.urdf --write DIR`"):
+def test_a_urdf_that_is_not_there_is_called_one():
+    with pytest.raises(RobotModelError, match=r"no URDF file at .*arm\.urdf"):
         make_robot("arm.urdf")
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.records import FRAME, SEGMENT, records
 from jssa_gym.robots.coverage import measured_geoms
-from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
+from jssa_gym.robots.mjcf import carrier_links
 from jssa_gym.robots.model import RobotModel
 from jssa_gym.robots.prepare.anatomy import zero_pose
 from jssa_gym.robots.prepare.enclose import Enclosure, Solid, farthest_out
@@ -56,7 +56,7 @@ def cover_of(arm: Examination, robot: RobotModel) -> float:
     frames, segments = records(n, FRAME), records(m, SEGMENT)
     forward(robot.links, np.zeros((3, n)), frames)
     place(frames, robot.capsules, segments)
-    carriers, measured = carrier_links(model, joints), measured_geoms(model, COLLISION_GROUP)
+    carriers, measured = carrier_links(model, joints), measured_geoms(model, arm.anatomy.group)
     kinds, worst = mujoco.mjtGeom, 0.0
     grounds = np.isin(model.geom_type, (kinds.mjGEOM_PLANE, kinds.mjGEOM_HFIELD))
     for i, name in enumerate(robot.joint_names):

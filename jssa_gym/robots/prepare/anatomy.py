@@ -70,6 +70,8 @@ class Anatomy:
     """Tool centre point in the last link's frame, shape (3,) [m]."""
     tool_name: str
     """Site or body that says so; empty if none does."""
+    group: int = COLLISION_GROUP
+    """Geom group of the file that holds its capsules."""
 
     @property
     def n(self) -> int:
@@ -80,8 +82,12 @@ class Anatomy:
     def reach(self) -> float:
         """No point of the arm is farther from the second joint [m]."""
         lengths = np.linalg.norm(self.chain["offset"][min(2, self.n - 1) :], axis=1).sum()
-        last = self.links[-1].solid
-        tip = 0.0 if last is None else np.linalg.norm(last.triangles, axis=2).max() + last.radius.max()
+        last = self.links[-1]
+        if last.solid is not None:
+            tip = np.linalg.norm(last.solid.triangles, axis=2).max() + last.solid.radius.max()
+        else:  # drawn by its capsules
+            ends = [np.linalg.norm(end) + capsule.radius for capsule in last.found for end in capsule[:2]]
+            tip = max(ends, default=0.0)
         return float(lengths + max(tip, np.linalg.norm(self.tool)))
 
 
@@ -110,13 +116,14 @@ def zero_pose(model: "mujoco.MjModel", chain: Chain, share: float | None = None)
     return data
 
 
-def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None) -> Anatomy:
+def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None, group: int = COLLISION_GROUP) -> Anatomy:
     """Take a file's arm apart.
 
     Args:
         model: The compiled file.
         chain: What moves and what does not.
         tool: Name of the site or body at the tool centre point.
+        group: Geom group that holds the capsules.
 
     Raises:
         RobotModelError: A link draws what cannot be looked at.
@@ -130,7 +137,7 @@ def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None) -
     geometry["axis"] = [data.xaxis[j] for j in chain.joints]
     carriers, parts = carrier_links(model, list(chain.joints)), _parts(model, chain)
     where = np.array([carriers[int(body)] for body in model.geom_bodyid])
-    measured = measured_geoms(model, COLLISION_GROUP)
+    measured = measured_geoms(model, group)
     links = []
     for i, j in enumerate(chain.joints):
         bodies = [b for b in range(1, model.nbody) if carriers[b] == i]
@@ -157,6 +164,7 @@ def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None) -
         (),
         point - anchors[-1],
         said,
+        group,
     )
     still = [g for g in range(model.ngeom) if where[g] < 0 and not _ground(model)[g]]
     base = [g for g in still if int(model.geom_bodyid[g]) in parts or _under(model, data, g, arm)]

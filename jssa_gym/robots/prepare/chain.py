@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jssa_gym.exceptions import ParameterError, RobotModelError
-from jssa_gym.robots.prepare.findings import FileFinding, obstacle, repaired
-from jssa_gym.robots.prepare.reading import endless
+from jssa_gym.robots.findings import FileFinding, obstacle, repaired
+from jssa_gym.robots.reading import endless
 from jssa_gym.robots.serial import called
 from jssa_gym.types import Array
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jssa_gym.robots.coverage import coverage, fault_of_cover
-from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
+from jssa_gym.robots.coverage import TOLERATED, coverage, fault_of_cover
+from jssa_gym.robots.findings import FileFinding
+from jssa_gym.robots.mjcf import carrier_links
 from jssa_gym.robots.prepare.anatomy import Anatomy, Link
 from jssa_gym.robots.prepare.chain import Chain
-from jssa_gym.robots.prepare.enclose import TOLERATED, Enclosure, Solid, enclose, farthest_out
-from jssa_gym.robots.prepare.findings import FileFinding
-from jssa_gym.robots.prepare.reading import ArmFile
+from jssa_gym.robots.prepare.enclose import Enclosure, Solid, enclose, farthest_out, fit
+from jssa_gym.robots.reading import ArmFile
 from jssa_gym.types import Array
 
 
@@ -33,6 +33,10 @@ class Cover:
     """Those of the prepared model."""
     left: float
     """Farthest drawn point outside of these [m]; negative where all lie inside; inf for uncovered links."""
+    ratios: tuple[float, ...] = ()
+    """Volume of each new capsule over that of the convex hull of what it holds; empty where none is new."""
+    alone: float = np.nan
+    """The same of one capsule around all of it, where there are several."""
 
     @property
     def named_by_file(self) -> bool:
@@ -60,9 +64,8 @@ def cover_links(
         findings: What is found is added.
     """
     model, joints = source.model, list(chain.joints)
-    looked = coverage(model, joints, carrier_links(model, joints), model.qpos0, COLLISION_GROUP)
-    # a link that turns inside the one before it needs no capsules; what is in none of all keeps no file
-    accepted = {one.link for one in looked if not fault_of_cover(one) and (one.arm <= TOLERATED or not one.capsules)}
+    looked = coverage(model, joints, carrier_links(model, joints), model.qpos0, anatomy.group)
+    accepted = {one.link for one in looked if not fault_of_cover(one)}
     offsets = anatomy.chain["offset"].cumsum(axis=0)
     everywhere = [
         Enclosure(start + offset, end + offset, radius)
@@ -84,9 +87,13 @@ def _cover(joint: str, link: Link, offset: Array, everywhere: list[Enclosure], u
     own = farthest_out(link.solid, list(link.found))
     arm = farthest_out(Solid(link.solid.triangles + offset, link.solid.radius), everywhere)
     kept = link.found if own <= TOLERATED else ()
-    capsules = () if uncovered else kept or tuple(enclose(link.solid))
+    whole = None if uncovered or kept else fit(link.solid)
+    fits = enclose(link.solid, whole=whole) if whole else []
+    capsules = () if uncovered else kept or tuple(one.capsule for one in fits)
     left = farthest_out(link.solid, list(capsules))
-    return Cover(joint, link.body, link.names, max(own, 0.0), max(arm, 0.0), kept, capsules, left)
+    ratios = tuple(one.ratio for one in fits)
+    alone = whole.ratio if whole and len(fits) > 1 else np.nan
+    return Cover(joint, link.body, link.names, max(own, 0.0), max(arm, 0.0), kept, capsules, left, ratios, alone)
 
 
 def _told(cover: Cover, accepted: bool) -> FileFinding | None:
@@ -99,6 +106,8 @@ def _told(cover: Cover, accepted: bool) -> FileFinding | None:
         return None
     more = f"--write makes {len(cover.capsules)} capsule{'s' if len(cover.capsules) > 1 else ''} of radius "
     more += ", ".join(f"{1e3 * capsule.radius:.0f}" for capsule in cover.capsules) + " mm around it"
+    more += f", {' and '.join(f'{ratio:.1f}' for ratio in cover.ratios)} times the hull of what each holds"
+    more += f" (one would be {cover.alone:.1f} times)" if len(cover.ratios) > 1 else ""
     remedy = f"{more}, or give --uncovered {cover.body}"
     if cover.found:
         text = f"reaches {1e3 * cover.own:.0f} mm out of its own capsules and {1e3 * cover.arm:.0f} mm out of all"

@@ -12,9 +12,6 @@ from jssa_gym.types import Array
 MARGIN = 5e-4
 """Added to every radius [m]: rounding of files, and of single precision in meshes."""
 
-TOLERATED = 1e-3
-"""How far what is drawn may lie outside of the capsules that are to hold it [m]."""
-
 _MOST = 3
 """Capsules that a link gets at most."""
 
@@ -35,6 +32,19 @@ _HALVINGS = 12
 
 _CUTS = (0.3, 0.5, 0.7)
 """Where along an axis a shape is cut to be enclosed by parts."""
+
+
+_SIDES = np.array([sign * side for side in np.eye(3) for sign in (-1.0, 1.0)])
+"""Where on a ball it is looked at to find out whether a capsule is loose."""
+
+_BALL = np.array(
+    [
+        (np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt))
+        for tilt in np.linspace(0.0, np.pi, 17)
+        for turn in np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    ]
+)
+"""The same to say how loose it is: 2 % short of a ball's volume."""
 
 
 class Enclosure(NamedTuple):
@@ -78,16 +88,31 @@ def joined(solids: list[Solid]) -> Solid:
     return Solid(np.concatenate([one.triangles for one in solids]), np.concatenate([one.radius for one in solids]))
 
 
-def enclose(solid: Solid, most: int = _MOST) -> list[Enclosure]:
+class Fit(NamedTuple):
+    """A capsule and what it was made for."""
+
+    capsule: Enclosure
+    hull: float
+    """Volume of the convex hull of what it holds [m³]; 0 where that is flat."""
+
+    @property
+    def ratio(self) -> float:
+        """The capsule's volume over the hull's: what it wastes."""
+        return self.capsule.volume / self.hull if self.hull > 0.0 else np.inf
+
+
+def enclose(solid: Solid, most: int = _MOST, whole: Fit | None = None) -> list[Fit]:
     """Capsules that hold a shape, every triangle in one of them as a whole or cut where two meet.
 
     Args:
         solid: The shape, at least one triangle.
         most: How many at most.
+        whole: One capsule around all of it; None to find it.
     """
-    one = around(solid)
+    whole = whole or fit(solid)
+    one = whole.capsule
     if most < 2 or _hull_volume(solid) > _FILLED * one.volume:
-        return [one]
+        return [whole]
     best = None
     for part_a, part_b in _parts(solid, one):
         pair = (around(part_a, _ROUGH), around(part_b, _ROUGH))
@@ -95,10 +120,15 @@ def enclose(solid: Solid, most: int = _MOST) -> list[Enclosure]:
         if volume < _LOOSE * one.volume and (best is None or volume < best[0]):
             best = volume, part_a, part_b
     if best is None:
-        return [one]
+        return [whole]
     _, part_a, part_b = best
     first = enclose(part_a, most - 1)
     return first + enclose(part_b, most - len(first))
+
+
+def fit(solid: Solid) -> Fit:
+    """One capsule around all of a shape."""
+    return Fit(around(solid), _hull_volume(solid, _BALL))
 
 
 def around(solid: Solid, effort: int = _FINE) -> Enclosure:
@@ -231,9 +261,10 @@ def _axes(points: Array) -> Array:
     return np.linalg.eigh(away.T @ away)[1].T[::-1]
 
 
-def _hull_volume(solid: Solid) -> float:
+def _hull_volume(solid: Solid, sides: Array = _SIDES) -> float:
+    """Of points on the balls around a shape, on these sides of their centres [m³]."""
     points, radii = solid.points()
-    corners = np.concatenate([points + sign * radii[:, None] * side for side in np.eye(3) for sign in (-1.0, 1.0)])
+    corners = np.concatenate([points + radii[:, None] * side for side in sides])
     try:
         return float(ConvexHull(corners).volume)
     except QhullError:  # flat

@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.kernels.records import CAPSULE
 from jssa_gym.robots import make_robot
+from jssa_gym.robots.findings import FileFinding, obstacle, repaired
 from jssa_gym.robots.limits import LimitTable, guess_limits, read_limits
 from jssa_gym.robots.prepare.anatomy import Anatomy, anatomy_of
 from jssa_gym.robots.prepare.chain import Chain, find_chain
 from jssa_gym.robots.prepare.covering import Cover, cover_links
 from jssa_gym.robots.prepare.enclose import Enclosure
-from jssa_gym.robots.prepare.findings import FileFinding, obstacle, repaired
 from jssa_gym.robots.prepare.placing import base_column, placed, unit_findings
 from jssa_gym.robots.prepare.posture import Looked, all_pairs, find_home, look, rounded, some_postures, useless
-from jssa_gym.robots.prepare.reading import ArmFile, read_source
+from jssa_gym.robots.reading import ArmFile, read_source
 from jssa_gym.types import Array
 
 
@@ -44,6 +44,8 @@ class Preparation:
     """Whether lengths, ranges and velocities that look like another unit's are right."""
     packages: Mapping[str, Path] = field(default_factory=dict)
     """Folders of packages that a URDF names."""
+    group: int | None = None
+    """Geom group that holds the file's capsules; None for what its table of limits says, or else 3, of a URDF 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,9 +106,11 @@ def examine(path: str | Path, preparation: Preparation | None = None) -> Examina
     wanted = preparation or Preparation()
     source = read_source(path, wanted.packages)
     chain = find_chain(source.model, wanted.freeze, wanted.keep, wanted.tip)
-    anatomy = anatomy_of(source.model, chain, wanted.tool)
     stated: list[FileFinding] = []
-    limits = _limits(source, anatomy, wanted, stated)
+    table = _table(source, wanted)
+    group = _group(source, wanted, table, stated)
+    anatomy = anatomy_of(source.model, chain, wanted.tool, group)
+    limits = _limits(source, anatomy, table, stated)
     findings = [*source.findings, *chain.findings]
     findings += [] if wanted.units_checked else unit_findings(anatomy, limits, source.path)
     anatomy, moved = placed(anatomy)
@@ -161,11 +165,35 @@ def _names(anatomy: Anatomy) -> list[str]:
 # ---- limits, pairs, home -------------------------------------------------------------------------------
 
 
-def _limits(source: ArmFile, anatomy: Anatomy, wanted: Preparation, findings: list[FileFinding]) -> LimitTable:
-    beside = source.path.with_suffix(".limits.toml")
+def _table(source: ArmFile, wanted: Preparation) -> tuple[Path, LimitTable] | None:
+    """The table of limits that the user names, or the one beside the file."""
+    beside = _beside(source)
     path = wanted.limits or (beside if beside.is_file() else None)
-    if path is not None:
-        table = read_limits(path, partial=True)
+    return None if path is None else (path, read_limits(path, partial=True))
+
+
+def _beside(source: ArmFile) -> Path:
+    return source.path.with_suffix(".limits.toml")
+
+
+def _group(
+    source: ArmFile, wanted: Preparation, stated: tuple[Path, LimitTable] | None, findings: list[FileFinding]
+) -> int:
+    """Geom group of the capsules; the reader of models knows what the table beside the file says of it."""
+    told = source.group if stated is None or stated[1].group is None else stated[1].group
+    group = told if wanted.group is None else wanted.group
+    known = stated is not None and stated[0] == _beside(source)
+    if group != (told if known else source.group):
+        advice = f"write group = {group} into {_beside(source).name}, or --write makes a model with group 3"
+        findings.append(repaired("the capsules", f"are looked for in geom group {group}", advice))
+    return group
+
+
+def _limits(
+    source: ArmFile, anatomy: Anatomy, stated: tuple[Path, LimitTable] | None, findings: list[FileFinding]
+) -> LimitTable:
+    if stated is not None:
+        path, table = stated
         for name in ("velocity", "acceleration", "jerk"):
             if getattr(table, name).shape != (anatomy.n,):
                 got = getattr(table, name).shape

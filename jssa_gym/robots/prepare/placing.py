@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from jssa_gym.robots.coverage import TOLERATED
+from jssa_gym.robots.findings import FileFinding, obstacle
 from jssa_gym.robots.limits import LimitTable
 from jssa_gym.robots.prepare.anatomy import STOUT, Anatomy
-from jssa_gym.robots.prepare.enclose import MARGIN, TOLERATED, Enclosure, Solid, farthest_out
-from jssa_gym.robots.prepare.findings import FileFinding, obstacle
+from jssa_gym.robots.prepare.enclose import MARGIN, Enclosure, Solid, farthest_out
 
 _OFF = 0.05
 """How far the first joint's axis may be from the upright axis, and the base's lowest point from the ground, before the
@@ -65,7 +66,7 @@ def placed(anatomy: Anatomy) -> tuple[Anatomy, list[FileFinding]]:
         shift[:2] = -first[:2]
     if abs(lowest) > _OFF:
         shift[2] = -lowest
-    elif anatomy.base is None and not 0.0 < first[2] / anatomy.reach < 1.0:
+    elif anatomy.base is None and not 0.0 < first[2] < anatomy.reach:
         shift[2] = _PEDESTAL * anatomy.reach - first[2]
     if not shift.any():
         return anatomy, []

@@ -12,14 +12,15 @@ from jssa_gym.exceptions import RobotModelError, StorageError
 from jssa_gym.kernels.chain import forward
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel, make_robot
+from jssa_gym.robots.coverage import TOLERATED
 from jssa_gym.robots.limits import LIMITS
 from jssa_gym.robots.mjcf import COLLISION_GROUP
 from jssa_gym.robots.prepare.agreement import cover_of, kinematic_error
 from jssa_gym.robots.prepare.anatomy import zero_pose
-from jssa_gym.robots.prepare.enclose import TOLERATED, Enclosure
+from jssa_gym.robots.prepare.enclose import Enclosure
 from jssa_gym.robots.prepare.examine import Examination
 from jssa_gym.robots.prepare.posture import some_postures
-from jssa_gym.robots.prepare.reading import stl
+from jssa_gym.robots.reading import stl
 from jssa_gym.storage import write_whole
 from jssa_gym.types import Array
 
@@ -249,7 +250,8 @@ def _turned_inertia(arm: Examination) -> Array:
             for link, frame in zip(anatomy.links[i:], frames[i:], strict=True):
                 away = np.cross(axis, frame["origin"] + frame["rotation"] @ link.centre - frames["origin"][i])
                 about = frame["rotation"].T @ axis
-                total += float(about @ link.inertia @ about + link.mass * away @ away)
+                mass = max(link.mass, _LIGHT[0])  # as it is written
+                total += float(about @ link.inertia @ about + mass * away @ away)
             found[i] = max(found[i], total)
     return found
 

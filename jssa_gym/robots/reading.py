@@ -12,7 +12,8 @@ import numpy as np
 
 from jssa_gym.exceptions import RobotModelError
 from jssa_gym.headless import choose_gl_backend
-from jssa_gym.robots.prepare.findings import FileFinding, obstacle, repaired
+from jssa_gym.robots.findings import FileFinding, obstacle, repaired
+from jssa_gym.robots.mjcf import COLLISION_GROUP, URDF_GROUP
 from jssa_gym.storage import read_text
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ class ArmFile:
     model: "mujoco.MjModel"
     velocity: dict[str, float]
     """Velocity limits that the file states, by the joint's name [rad/s]."""
+    group: int
+    """Geom group in which its capsules are, if nothing else is said."""
     findings: tuple[FileFinding, ...] = ()
 
 
@@ -53,10 +56,27 @@ def read_source(path: str | Path, packages: Mapping[str, Path] | None = None) ->
     Raises:
         RobotModelError: It cannot be read, or does not compile; the message has the compiler's words.
     """
+    path, root = _parsed(path)
+    return _read_urdf(path, root, packages or {}) if root.tag == "robot" else _read_mjcf(path)
+
+
+def read_spec(path: str | Path) -> "mujoco.MjSpec":
+    """Read the same as what a scene can take in.
+
+    Raises:
+        RobotModelError: As of :func:`read_source`.
+    """
+    import mujoco
+
+    path, root = _parsed(path)
+    return _urdf(path, root, {}, [])[0] if root.tag == "robot" else mujoco.MjSpec.from_file(str(path))
+
+
+def _parsed(path: str | Path) -> tuple[Path, ET.Element]:
     choose_gl_backend()
     path = Path(path).resolve()
     if not path.is_file():
-        raise RobotModelError(f"no robot's file at {path}")
+        raise RobotModelError(f"no {'URDF' if path.suffix == '.urdf' else 'MJCF'} file at {path}")
     text = read_text(path, RobotModelError)  # MuJoCo takes any bytes, and ends at the first NUL
     try:
         root = ET.fromstring(text)  # what expat does with entities is bounded since 2.4
@@ -64,11 +84,11 @@ def read_source(path: str | Path, packages: Mapping[str, Path] | None = None) ->
         raise RobotModelError(f"{path.name} is no XML: {error}") from error
     if path.suffix == ".xacro" or any(child.tag.startswith("{http://www.ros.org/wiki/xacro}") for child in root):
         raise RobotModelError(f"{path.name} is a xacro, which makes a URDF: run `xacro {path.name} > arm.urdf` first")
-    if root.tag == "robot":
-        return _read_urdf(path, root, packages or {})
-    if root.tag == "mujoco":
-        return _read_mjcf(path)
-    raise RobotModelError(f"{path.name} is neither MJCF nor URDF: its root is <{root.tag}>, not <mujoco> or <robot>")
+    if root.tag not in ("robot", "mujoco"):
+        raise RobotModelError(
+            f"{path.name} is neither MJCF nor URDF: its root is <{root.tag}>, not <mujoco> or <robot>"
+        )
+    return path, root
 
 
 # ---- MJCF ----------------------------------------------------------------------------------------------
@@ -90,7 +110,7 @@ def _read_mjcf(path: Path) -> ArmFile:
         except ValueError as again:
             raise RobotModelError(f"{path.name} does not compile: {_words(again)}") from again
         findings.append(_weightless(path.name))
-    return ArmFile(path, model, {}, tuple(findings))
+    return ArmFile(path, model, {}, COLLISION_GROUP, tuple(findings))
 
 
 def _give_mass(spec: "mujoco.MjSpec") -> None:
@@ -109,15 +129,30 @@ def _words(error: Exception) -> str:
 
 
 def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> ArmFile:
-    import mujoco
-
     findings: list[FileFinding] = []
-    assets = _gather_meshes(path, root, packages, findings)
-    velocity = _limits(root, findings)
     moving = {
         child.get("link") for one in root.iter("joint") if one.get("type") != "fixed" for child in one.iter("child")
     }
     light = [one for one in root.iter("link") if one.get("name") in moving and one.find("inertial") is None]
+    try:
+        spec, velocity = _urdf(path, root, packages, findings)
+        model = spec.compile()
+    except ValueError as error:
+        stands = [str(finding) for finding in findings if finding.stands]
+        raise RobotModelError("; ".join([*stands, f"{path.name} does not compile: {_words(error)}"])) from error
+    if light:
+        findings.append(_weightless(path.name))
+    return ArmFile(path, model, velocity, URDF_GROUP, tuple(findings))
+
+
+def _urdf(
+    path: Path, root: ET.Element, packages: Mapping[str, Path], findings: list[FileFinding]
+) -> tuple["mujoco.MjSpec", dict[str, float]]:
+    """A URDF as MuJoCo's specification, and its velocity limits by joint; ValueError if it cannot be one."""
+    import mujoco
+
+    assets = _gather_meshes(path, root, packages, findings)
+    velocity = _limits(root, findings)
     settings = root.find("mujoco/compiler")
     if settings is None:
         settings = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
@@ -126,15 +161,7 @@ def _read_urdf(path: Path, root: ET.Element, packages: Mapping[str, Path]) -> Ar
     # the meshes are at hand under new names; what is drawn stays, and so do the links' names
     settings.attrib |= {"strippath": "true", "discardvisual": "false", "fusestatic": "false", "balanceinertia": "true"}
     settings.attrib |= {"boundmass": str(_LIGHTEST), "boundinertia": str(_LIGHTEST), "autolimits": "true"}
-    try:
-        spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=assets)
-        model = spec.compile()
-    except ValueError as error:
-        stands = [str(finding) for finding in findings if finding.stands]
-        raise RobotModelError("; ".join([*stands, f"{path.name} does not compile: {_words(error)}"])) from error
-    if light:
-        findings.append(_weightless(path.name))
-    return ArmFile(path, model, velocity, tuple(findings))
+    return mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=assets), velocity
 
 
 def _limits(root: ET.Element, findings: list[FileFinding]) -> dict[str, float]:
