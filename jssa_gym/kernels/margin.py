@@ -8,7 +8,7 @@ import numpy as np
 
 from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, put_balls
 from jssa_gym.kernels.chain import place_axes, pose
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, jit_counting
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.vector import copy, fill
 from jssa_gym.kernels.verification import posture_at
@@ -19,7 +19,7 @@ _ROUNDING = 1e-9
 """By how much a gap has to be wider than the smallest one to be more than rounding [m]."""
 
 
-@jit
+@jit_counting
 def margin(robot, motion, ticks, around, work):
     r"""Smallest gap that is left between arm and people until the arm is at rest [m].
 
@@ -78,7 +78,7 @@ def _spins(fastest):
     return False
 
 
-@jit
+@jit_counting
 def _go_back(robot, posture, later, widening, room):
     """Least gaps of all capsules, ``room`` (m,), from a later posture to an earlier one: what they are at least [m]."""
     for i in range(room.shape[0]):
@@ -88,7 +88,7 @@ def _go_back(robot, posture, later, widening, room):
         room[i] += widening - moved
 
 
-@jit
+@jit_counting
 def _least_of(robot, i, until, least, around, work):
     """The smallest gap of all so far, and one that capsule i is not below towards anybody [m]."""
     agents, levers, fastest, touch = around.agents, robot.levers, work.fastest, around.touch
