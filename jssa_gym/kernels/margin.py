@@ -72,10 +72,10 @@ def margin(robot, motion, ticks, around, work):
 @jit
 def _spins(fastest):
     """Whether any joint still moves."""
+    spins = False
     for j in range(fastest.shape[0]):
-        if fastest[j] > 0.0:
-            return True
-    return False
+        spins = spins or fastest[j] > 0.0
+    return spins
 
 
 @jit_counting

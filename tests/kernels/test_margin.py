@@ -88,7 +88,7 @@ def margin_of(arm, motion, ticks, around, work):
     return margin(arm, motion, ticks, around, work)
 
 
-@pytest.mark.parametrize("slowest, quickest", [(0.5, 2.0), (0.0, 0.02)], ids=["grow", "hardly grow"])
+@pytest.mark.parametrize(("slowest", "quickest"), [(0.5, 2.0), (0.0, 0.02)], ids=["grow", "hardly grow"])
 def test_the_margin_is_what_its_formula_says(robot, slowest, quickest):
     """Also of people who hardly grow: then it may be any of the moments at which somebody is nearest."""
     rng, chain, seen, moments = np.random.default_rng(0), chain_of(robot), [], set()
