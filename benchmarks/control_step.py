@@ -19,6 +19,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
+KINDS = ("jssa", "stop", "jssa+stop", "work")
+"""Shields of which many arms are timed at once."""
+
 
 def decisions() -> dict[str, list[float]]:
     """Times of ``filter.decide`` with all layers by status, and of ``step``, in seconds."""
@@ -50,23 +53,24 @@ def decisions() -> dict[str, list[float]]:
     return times
 
 
-def together(count: int = 1024, ticks: int = 250) -> dict[str, float]:
+def together(kind: str, count: int = 1024, ticks: int = 250) -> dict[str, float]:
     """Processor time an arm of one compiled loop over many arms [s], compared bit for bit with a single filter's."""
     import gymnasium as gym
     import numpy as np
 
     import jssa_gym
+    from jssa_gym.evaluation.study import put_filter
     from jssa_gym.shields.batch import Batch
 
     env = gym.make("jssa_gym/Home-v0", human="walk_by", terminate_on=())
-    base, shield = env.unwrapped, jssa_gym.JSSAShield(env)
+    base, shield = env.unwrapped, put_filter(env, kind)
     observation, _ = shield.reset(seed=0)
     policy, shown = jssa_gym.POLICIES["wander"](base, 1), []
     for _ in range(ticks):
         scene = base.scene
         observation, *_ = shield.step(policy(observation))
         shown.append((scene, shield.last_decision.nominal))
-    single = jssa_gym.JSSAShield(gym.make("jssa_gym/Home-v0", human="walk_by")).filter
+    single = put_filter(gym.make("jssa_gym/Home-v0", human="walk_by"), kind).filter
     batch = Batch(single, count, shown[0][0].human.names, planes=len(base.planes.offset))
     alone, decided, many, to = [], [], [], batch.scene
     single.reset(shown[0][0])
@@ -105,10 +109,10 @@ def compilation() -> float:
     return time.process_time()
 
 
-def measured(tree: Path, what: str, cache: str | None = None) -> object:
-    """The answer of one of the functions above in a process that imports the package of ``tree``."""
+def measured(tree: Path, what: str, *of: str, cache: str | None = None) -> object:
+    """The answer of one of the functions above, ``of`` something, in a process that imports ``tree``'s package."""
     environment = {**os.environ, "PYTHONPATH": str(tree)} | ({"NUMBA_CACHE_DIR": cache} if cache else {})
-    command = [sys.executable, __file__, "--measure", what]
+    command = [sys.executable, __file__, "--measure", what, *of]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, cwd=tree)
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -117,10 +121,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--before", type=Path, help="folder of the other commit")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--measure", choices=["decisions", "together", "compilation"], help=argparse.SUPPRESS)
+    parser.add_argument("--measure", nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.measure:
-        print(json.dumps(globals()[options.measure]()))
+        what, *of = options.measure
+        print(json.dumps({"decisions": decisions, "together": together, "compilation": compilation}[what](*of)))
         return
     import numpy as np
 
@@ -138,12 +143,15 @@ def main() -> None:
         if options.before:
             line += f"  ratio {np.median(times['now'][what]) / np.median(times['before'][what]):.2f}"
         print(line)
-    loop = measured(ROOT, "together")
-    many, alone = 1e6 * loop["many"], 1e6 * loop["alone"]
-    print(f"1024 arms {many:.1f} us an arm, the single call {alone:.1f} us: {alone / many:.1f} times; bitwise equal")
+    for kind in KINDS:
+        for name, tree in trees.items():
+            loop = measured(tree, "together", kind)
+            many, alone = 1e6 * loop["many"], 1e6 * loop["alone"]
+            print(f"1024 arms, {kind:9} {name:6} {many:5.1f} us an arm, the single call {alone:5.1f} us: ", end="")
+            print(f"{alone / many:.1f} times; bitwise equal")
     for name, tree in trees.items():
         with tempfile.TemporaryDirectory() as cache:
-            first, again = (measured(tree, "compilation", cache) for _ in range(2))
+            first, again = (measured(tree, "compilation", cache=cache) for _ in range(2))
         print(f"first use {name}: {first:.1f} s of processor time, again {again:.1f} s")
 
 

@@ -122,8 +122,8 @@ MUTANTS = [
     _kernel("last ticks not checked", "end, t = dt * (1 + ticks), 0.0", "end, t = dt * (1 + ticks // 2), 0.0"),
     _kernel(
         "present speed instead of the largest to come",
-        "fastest[j] = peak_speed(after[1, j], after[2, j], stop, dt, t - dt)",
-        "fastest[j] = abs(stop_at(after[0, j], after[1, j], after[2, j], stop, dt, t - dt)[1])",
+        "fastest[j] = peak_from(now, after[1, j], after[2, j], stop, dt, t - dt)",
+        "fastest[j] = abs(now)",
     ),
     _kernel("the stop's speed not foreseen in the step", "max(max(abs(now), turn), later)", "max(abs(now), turn)"),
     _kernel("the step's turning point forgotten", "max(max(abs(now), turn), later)", "max(abs(now), later)"),
@@ -797,9 +797,9 @@ MUTANTS = [
     Mutant(
         "a blend that nobody verifies",
         "tick/admit.py",
-        "        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, count, work, e)\n"
+        "        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, FIRST, count, work, e)\n"
         "        if hardness < count:",
-        "        plan_behind(settings, memory, jerk, 0, work, e)\n        if True:",
+        "        plan_behind(settings, memory, jerk, FIRST, work, e)\n        if True:",
         (OFFERS, "blend_is_verified"),
     ),
     Mutant(
@@ -812,8 +812,8 @@ MUTANTS = [
     Mutant(
         "an arm found in motion stops softly or not at all",
         "tick/admit.py",
-        "softest(robot, settings, memory, work.halt, 0, settings.hardness.shape[0], work, e)",
-        "softest(robot, settings, memory, work.halt, 0, 1, work, e)",
+        "softest(robot, settings, memory, work.halt, FIRST, settings.hardness.shape[0], work, e)",
+        "softest(robot, settings, memory, work.halt, FIRST, 1, work, e)",
         (OFFERS, "found_in_motion"),
     ),
     Mutant(
@@ -931,8 +931,8 @@ MUTANTS = [
     Mutant(
         "a margin without reach",
         "kernels/margin.py",
-        "taken = reach[k] + growth[k] * until",
-        "taken = growth[k] * until",
+        "taken = around.reach[k] + around.growth[k] * until",
+        "taken = around.growth[k] * until",
         (MARGIN, "formula"),
     ),
     Mutant(
@@ -941,6 +941,27 @@ MUTANTS = [
         "until = t + motion.dt + length / _MOMENTS",
         "until = t",
         (MARGIN, "formula"),
+    ),
+    Mutant(
+        "a margin that forgets how far the arm has moved",
+        "kernels/margin.py",
+        "room[i] += widening - moved",
+        "room[i] += widening",
+        (MARGIN, "formula or moments"),
+    ),
+    Mutant(
+        "a margin for which people do not grow back",
+        "kernels/margin.py",
+        "slowest * length / _MOMENTS, room)",
+        "np.inf, room)",
+        (MARGIN, "formula or moments"),
+    ),
+    Mutant(
+        "a margin that leaves out whoever is near",
+        "kernels/margin.py",
+        "radii + taken + least + _ROUNDING",
+        "taken + least + _ROUNDING",
+        (MARGIN, "formula or moments"),
     ),
     # how the arm moves and how long it takes, as it is told
     _jumps("wanted and applied jerks swapped", "jumps, wanted = _jumps", "wanted, jumps = _jumps"),

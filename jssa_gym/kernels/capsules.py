@@ -3,7 +3,7 @@
 import numpy as np
 
 from jssa_gym.kernels.jit import jit
-from jssa_gym.kernels.vector import along, cross, dot, subtract
+from jssa_gym.kernels.vector import add, along, cross, dot, subtract
 
 _POINT = 1e-30
 """Squared length [m²] under which a segment is a point."""
@@ -79,6 +79,29 @@ def capsule_pair(a, b, c, d, radii):
     s, r = closest_points(a, b, c, d)
     w = subtract(along(a, b, s), along(c, d, r))
     return np.sqrt(dot(w, w)) - radii, s, r
+
+
+@jit
+def ball_around(one):
+    """The ball around a capsule's axis: twice its middle, and its diameter [m]."""
+    way = subtract(one["end"], one["start"])
+    return add(one["start"], one["end"]), np.sqrt(dot(way, way))
+
+
+@jit
+def put_balls(agents, balls):
+    """:func:`ball_around` of all, into ``balls`` (k, 4) [m]."""
+    for k in range(agents.shape[0]):
+        middle, diameter = ball_around(agents[k])
+        balls[k, 0], balls[k, 1], balls[k, 2], balls[k, 3] = middle[0], middle[1], middle[2], diameter
+
+
+@jit
+def apart(ball, other, far):
+    """Whether a ball is farther than ``far`` [m] from another of :func:`put_balls`: then so are the axes in them."""
+    middle, diameter = ball
+    way = subtract(middle, other)
+    return dot(way, way) > (2.0 * far + diameter + other[3]) ** 2
 
 
 @jit

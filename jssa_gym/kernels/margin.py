@@ -6,16 +6,20 @@ in a few moments only, and leaves out half-spaces, static capsules and the arm i
 
 import numpy as np
 
-from jssa_gym.kernels.capsules import capsule_pair
+from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, put_balls
 from jssa_gym.kernels.chain import place_axes, pose
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, jit_counting
 from jssa_gym.kernels.rest import REST_SPEED
-from jssa_gym.kernels.verification import apart, posture_at
+from jssa_gym.kernels.vector import copy, fill
+from jssa_gym.kernels.verification import posture_at
 
 _MOMENTS = 6
 
+_ROUNDING = 1e-9
+"""By how much a gap has to be wider than the smallest one to be more than rounding [m]."""
 
-@jit
+
+@jit_counting
 def margin(robot, motion, ticks, around, work):
     r"""Smallest gap that is left between arm and people until the arm is at rest [m].
 
@@ -25,40 +29,83 @@ def margin(robot, motion, ticks, around, work):
 
     over the robot capsules c that still move faster than k may be touched.
 
+    The last moment is looked at first: people have grown most by then, and going back from it a gap shrinks by no more
+    than the capsule moves, and widens by what people had not grown yet. So the moments before hardly ever count.
+
     Args:
-        robot, motion, ticks, around, work: See :func:`~jssa_gym.kernels.verification.keeps_clear`.
+        robot, motion, ticks, around: See :func:`~jssa_gym.kernels.verification.keeps_clear`.
+        work: Scratch, see there; besides ``later`` (n,) and ``room`` (m,).
 
     Returns:
         That; inf where nothing moves or nobody is there, below 0 where people could be met, -inf where a gap is NaN.
     """
-    agents, reach, growth, touch = around.agents, around.reach, around.growth, around.touch
-    levers, fastest, segments = robot.levers, work.fastest, work.segments_now
-    length, least = motion.dt * (1 + ticks), np.inf
-    for moment in range(_MOMENTS):
+    agents, growth, posture, later, room = around.agents, around.growth, work.posture, work.later, work.room
+    length, least, slowest = motion.dt * (1 + ticks), np.inf, np.inf
+    if agents.shape[0] == 0:
+        return np.inf
+    for k in range(agents.shape[0]):
+        slowest = min(slowest, growth[k])
+    put_balls(agents, work.balls)
+    fill(room, -np.inf)
+    for moment in range(_MOMENTS - 1, -1, -1):
         t = length * moment / _MOMENTS
         until = t + motion.dt + length / _MOMENTS
-        posture_at(motion, t, work.posture, fastest)
-        spins = False
-        for j in range(fastest.shape[0]):
-            spins = spins or fastest[j] > 0.0
-        if not spins:
-            break
-        pose(robot.links, work.posture, work.frames_now)
-        place_axes(work.frames_now, robot.capsules, segments)
-        for i in range(segments.shape[0]):
-            part, spin = segments[i], 0.0
-            for j in range(part["link"] + 1):
-                spin += (levers[i, j] + part["radius"]) * fastest[j]
-            for k in range(agents.shape[0]):
-                if spin <= max(touch[k], REST_SPEED):
-                    continue
-                agent = agents[k]
-                radii = part["radius"] + agent["radius"]
-                taken = reach[k] + growth[k] * until
-                if least < np.inf and apart(part, agent, radii + taken + least):
-                    continue
-                gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
-                if np.isnan(gap - taken):
-                    return -np.inf
-                least = min(least, gap - taken)
+        posture_at(motion, t, posture, work.fastest)
+        if not _spins(work.fastest):
+            continue
+        _go_back(robot, posture, later, slowest * length / _MOMENTS, room)
+        placed = False
+        for i in range(room.shape[0]):
+            if room[i] > least + _ROUNDING:
+                continue
+            if not placed:
+                pose(robot.links, posture, work.frames_now)
+                place_axes(work.frames_now, robot.capsules, work.segments_now)
+                placed = True
+            least, room[i] = _least_of(robot, i, until, least, around, work)
+            if least == -np.inf:
+                return least
+        copy(posture, later)
     return least
+
+
+@jit
+def _spins(fastest):
+    """Whether any joint still moves."""
+    spins = False
+    for j in range(fastest.shape[0]):
+        spins = spins or fastest[j] > 0.0
+    return spins
+
+
+@jit_counting
+def _go_back(robot, posture, later, widening, room):
+    """Least gaps of all capsules, ``room`` (m,), from a later posture to an earlier one: what they are at least [m]."""
+    for i in range(room.shape[0]):
+        moved = 0.0
+        for j in range(robot.capsules[i]["link"] + 1):
+            moved += robot.levers[i, j] * abs(posture[j] - later[j])
+        room[i] += widening - moved
+
+
+@jit_counting
+def _least_of(robot, i, until, least, around, work):
+    """The smallest gap of all so far, and one that capsule i is not below towards anybody [m]."""
+    agents, levers, fastest, touch = around.agents, robot.levers, work.fastest, around.touch
+    part, spin, room = work.segments_now[i], 0.0, np.inf
+    ball = ball_around(part)
+    for j in range(part["link"] + 1):
+        spin += (levers[i, j] + part["radius"]) * fastest[j]
+    for k in range(agents.shape[0]):
+        agent = agents[k]
+        radii = part["radius"] + agent["radius"]
+        taken = around.reach[k] + around.growth[k] * until
+        if apart(ball, work.balls[k], radii + taken + least + _ROUNDING):
+            room = min(room, least)
+            continue
+        gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
+        left = gap - taken if not np.isnan(gap - taken) else -np.inf
+        room = min(room, left)
+        if not spin <= max(touch[k], REST_SPEED):
+            least = min(least, left)
+    return least, room

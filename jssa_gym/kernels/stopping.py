@@ -164,9 +164,13 @@ def peak_speed(v, a, stop, tau, t):
     After the ramp the speed only falls, so that it is largest at t, at the end of the ramp or where the ramp's
     acceleration passes zero.
     """
-    if t >= (stop["ramp"] + stop["hold"] + stop["release"]) * tau:
-        return 0.0
-    peak = abs(stop_at(0.0, v, a, stop, tau, t)[1])
+    return peak_from(stop_at(0.0, v, a, stop, tau, t)[1], v, a, stop, tau, t)
+
+
+@jit
+def peak_from(now, v, a, stop, tau, t):
+    """:func:`peak_speed`, if the velocity ``now`` [rad/s] at the time t is known already; 0 after the stop's end."""
+    peak = abs(now)
     end = stop["ramp"] * tau
     if t < end:
         peak = max(peak, abs(advance(0.0, v, a, stop["jerk_in"], end)[1]))

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.kernels.capsules import capsule_pair, plane_pair, stands
+from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, plane_pair, put_balls, stands
 from jssa_gym.kernels.chain import place_axes, pose
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, jit_counting
 from jssa_gym.kernels.occupancy import apart_for
 from jssa_gym.kernels.rest import REST_SPEED
-from jssa_gym.kernels.stopping import peak_speed, step_keeps, stop_at, stop_keeps
+from jssa_gym.kernels.stopping import peak_from, peak_speed, step_keeps, stop_at, stop_keeps
 from jssa_gym.kernels.vector import fill, fill_rows
 
 _SHORTEST = 5e-4
@@ -140,8 +140,8 @@ def posture_at(motion, t, posture, fastest):
             later = peak_speed(after[1, j], after[2, j], stop, dt, 0.0)
             fastest[j] = max(max(abs(now), turn), later)
         else:
-            posture[j], _, _ = stop_at(after[0, j], after[1, j], after[2, j], stop, dt, t - dt)
-            fastest[j] = peak_speed(after[1, j], after[2, j], stop, dt, t - dt)
+            posture[j], now, _ = stop_at(after[0, j], after[1, j], after[2, j], stop, dt, t - dt)
+            fastest[j] = peak_from(now, after[1, j], after[2, j], stop, dt, t - dt)
 
 
 class StepAndStop(NamedTuple):
@@ -192,18 +192,7 @@ def _rests(gap, rate, t):
     return t == 0.0 and gap <= 0.0 and rate <= REST_SPEED
 
 
-@jit
-def apart(one, two, far):
-    """Whether two axes are farther apart than ``far`` [m]: the balls around them are, which is seen faster."""
-    between, length, width = 0.0, 0.0, 0.0
-    for i in range(3):
-        between += (one["start"][i] + one["end"][i] - two["start"][i] - two["end"][i]) ** 2
-        length += (one["end"][i] - one["start"][i]) ** 2
-        width += (two["end"][i] - two["start"][i]) ** 2
-    return between > (2.0 * far + np.sqrt(length) + np.sqrt(width)) ** 2
-
-
-@jit
+@jit_counting
 def keeps_clear(robot, motion, ticks, around, work):
     """Whether one step and the stop after it keep off everything until the arm is at rest.
 
@@ -212,8 +201,8 @@ def keeps_clear(robot, motion, ticks, around, work):
         motion: The step and the stop.
         ticks: The stop's length.
         around: What may not be met.
-        work: Scratch: ``posture`` and ``fastest`` (n,), ``frames_now`` and ``segments_now``; ``people_off`` (m, k),
-            ``planes_off`` (m, p), ``statics_off`` (m, c) and ``self_off`` (s,).
+        work: Scratch: ``posture`` and ``fastest`` (n,), ``frames_now`` and ``segments_now``, ``balls`` (k, 4);
+            ``people_off`` (m, k), ``planes_off`` (m, p), ``statics_off`` (m, c) and ``self_off`` (s,).
 
     Returns:
         ``SAFE``, or what is in the way: its code, the robot's capsule, the other's number, the time of contact [s].
@@ -221,12 +210,14 @@ def keeps_clear(robot, motion, ticks, around, work):
     dt, levers, agents, margin = motion.dt, robot.levers, around.agents, around.margin
     reach, speed, touch, statics, planes = around.reach, around.growth, around.touch, around.statics, around.planes
     fastest, frames, segments, self_pairs = work.fastest, work.frames_now, work.segments_now, robot.self_pairs
+    balls = work.balls
     # until when each pair is known to be apart: the arm only slows down, so that what a gap lasts is a promise
     people_off, planes_off, statics_off, self_off = work.people_off, work.planes_off, work.statics_off, work.self_off
     fill_rows(people_off, -np.inf)
     fill_rows(planes_off, -np.inf)
     fill_rows(statics_off, -np.inf)
     fill(self_off, -np.inf)
+    put_balls(agents, balls)
     end, t = dt * (1 + ticks), 0.0
     for _ in range(_LOOKS):
         posture_at(motion, t, work.posture, fastest)
@@ -235,6 +226,7 @@ def keeps_clear(robot, motion, ticks, around, work):
         lasting = end - t
         for i in range(segments.shape[0]):
             part = segments[i]
+            ball = ball_around(part)
             rate, spin = 0.0, 0.0
             for j in range(part["link"] + 1):
                 rate += levers[i, j] * fastest[j]
@@ -246,7 +238,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                 radii = part["radius"] + agent["radius"]
                 # at a glance: even from the nearest that their ends could be, for longer than what comes first
                 far = radii + reach[k] + speed[k] * t + (rate + speed[k]) * (max(lasting, _SHORTEST) + _ROUNDING)
-                if apart(part, agent, far):
+                if apart(ball, balls[k], far):
                     continue
                 gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
                 lasts = (gap - reach[k] - speed[k] * t) / (rate + speed[k])

@@ -139,8 +139,9 @@ def measure(robot: RobotModel, state: JointState, agents: CapsuleSet, planes: Pl
     pairs, plane_pairs = records((m, len(others)), PAIR), records((m, len(half_spaces)), PAIR)
     own, closest = np.zeros(len(robot.self_pairs)), np.zeros(13)
     row, column = observe(
-        robot.links,
-        robot.capsules,
+        # copies: arrays for reading alone are of another type to kernels, which would be compiled for both
+        np.array(robot.links),
+        np.array(robot.capsules),
         state_rows(state),
         others,
         TRUTH.kernel(),

@@ -32,6 +32,9 @@ blended with braking."""
 SOFT = 2
 """As many of the softest stops may stand behind an alternative; where there is but one hardness, that one."""
 
+FIRST, SECOND = np.int64(0), np.int64(1)
+"""Of the stops, by hardness; not written as 0 and 1, which would be types of their own to a compiled function."""
+
 EASY = 0.05
 """Room to people from which on what a filter wants is not slowed down for their sake [m], see
 :func:`~jssa_gym.kernels.margin.margin`."""
@@ -173,12 +176,12 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
     if count > 1 and _differ(wanted, work.clipped):
         share = share_of(room_behind(robot, settings, memory, wanted, work, e))
     copy(wanted, jerk)
-    why, row, column, moment = keeps_safe(robot, settings, memory, jerk, 0, work, e)
+    why, row, column, moment = keeps_safe(robot, settings, memory, jerk, FIRST, work, e)
     if why == SAFE and share == 1.0:
         return WANTED, why, row, column, moment
     if count > 1 and why != SAFE:
         hardness, code, other_row, other_column, other_moment = softest(
-            robot, settings, memory, jerk, 1, count, work, e
+            robot, settings, memory, jerk, SECOND, count, work, e
         )
         if hardness == count:
             why, row, column, moment, share = code, other_row, other_column, other_moment, 0.0
@@ -187,14 +190,14 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
             share = min(share, (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0]))
     if count > 1 and share > 0.0:
         blend(memory, wanted, share, settings.stop_limits, jerk, e)
-        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, 0, count, work, e)
+        hardness, _, _, _, _ = softest(robot, settings, memory, jerk, FIRST, count, work, e)
         if hardness < count:
             return GRADED, why, row, column, moment
     stop_jerk(memory.stored[e], step, jerk)
     if count == 1:
         for j in range(jerk.shape[0]):
             jerk[j] = representable((jerk[j] + wanted[j]) / 2.0, settings.stop_limits[4, j])
-        half, _, _, _ = keeps_safe(robot, settings, memory, jerk, 0, work, e)
+        half, _, _, _ = keeps_safe(robot, settings, memory, jerk, FIRST, work, e)
         if half == SAFE:
             return HALFWAY, why, row, column, moment
     stop_jerk(memory.stored[e], step, jerk)
@@ -247,7 +250,7 @@ def admits(robot, settings, memory, jerk, work, answer, e):
     Before a harder one, an arm is better slowed down by and by (:func:`choose`) than let go on until braking jumps.
     """
     soft = min(SOFT, settings.hardness.shape[0])
-    _, code, row, column, moment = softest(robot, settings, memory, jerk, 0, soft, work, e)
+    _, code, row, column, moment = softest(robot, settings, memory, jerk, FIRST, soft, work, e)
     if code != SAFE:
         return False
     told = answer.told[e]
@@ -274,7 +277,7 @@ def confirm_last(robot, settings, memory, work, answer, e):
     """The stop of an arm that was found in motion: perhaps it can be verified by now."""
     if answer.told[e]["chosen"] == STORED and not memory.arm[e]["verified"]:
         # any stop that is verified is better than one that is not, however hard and however little room it leaves
-        hardness, _, _, _, _ = softest(robot, settings, memory, work.halt, 0, settings.hardness.shape[0], work, e)
+        hardness, _, _, _, _ = softest(robot, settings, memory, work.halt, FIRST, settings.hardness.shape[0], work, e)
         copy(work.halt, work.jerk)
         if hardness < settings.hardness.shape[0]:
             answer.told[e]["chosen"] = HALFWAY

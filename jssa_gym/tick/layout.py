@@ -296,6 +296,12 @@ class Work(NamedTuple):
     """Shape (n,)."""
     fastest: Floats
     """Shape (n,)."""
+    later: Floats
+    """Shape (n,)."""
+    room: Floats
+    """Shape (m,) [m]."""
+    balls: Floats
+    """Around people, shape (k, 4), see :func:`~jssa_gym.kernels.capsules.put_balls`."""
     people_off: Floats
     """Shape (m, k) ..."""
     planes_off: Floats
@@ -405,6 +411,9 @@ def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_row
         next=records(n, STOP),
         posture=np.zeros(n),
         fastest=np.zeros(n),
+        later=np.zeros(n),
+        room=np.zeros(m),
+        balls=np.zeros((people, 4)),
         people_off=np.zeros((m, people)),
         planes_off=np.zeros((m, planes)),
         statics_off=np.zeros((m, statics)),
