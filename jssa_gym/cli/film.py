@@ -1,4 +1,4 @@
-"""Films of recorded episodes."""
+"""Films of recorded episodes, all with one look."""
 
 from collections.abc import Iterator, Sequence
 
@@ -6,15 +6,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym import plots
+from jssa_gym.envs.drawing import Marks, goal_points
 from jssa_gym.envs.opengl import check_opengl
+from jssa_gym.envs.surroundings import posed
+from jssa_gym.envs.view import episode_camera, people_of
 from jssa_gym.envs.world import SCENES, World
 from jssa_gym.exceptions import DisplayError
+from jssa_gym.palette import BLUE, GREEN, GREY, ORANGE, PINK, RED, rgb
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.proximity import measure
-from jssa_gym.types import CapsuleSet, JointState, Planes, Trace
+from jssa_gym.types import Status, Trace
 
 EVERY = 5
 """A picture every so many control steps: 25 a second."""
+
+_HOLD = 20
+"""So many pictures more show a contact when it begins."""
+
+_APART = 1.0
+"""A contact that follows another one of the same episode sooner is not held again [s]."""
+
+_SIZE, _DIVIDER = 480, 4
+"""Side of a picture, and what is between two [pixels]."""
+
+_RULE = (108, 116, 126)
+
+_WORDS: dict[Status, tuple[str, str]] = {
+    Status.NOMINAL: ("as asked", GREEN),
+    Status.PROJECTED: ("corrected", ORANGE),
+    Status.RELAXED: ("least violation", PINK),
+    Status.FAILSAFE: ("verified stop", BLUE),
+    Status.FAULT: ("fault: brakes", RED),
+}
+"""What a status is called in a film, and its colour."""
 
 
 def require_film() -> None:
@@ -31,51 +54,103 @@ def require_film() -> None:
         raise DisplayError(f"{error}; or give --no-video") from error
 
 
+def rows(traces: Sequence[Trace]) -> list[int]:
+    """Which rows of the recordings a film shows, one after the other.
+
+    Every fifth, and the beginning of a contact for a moment longer, in whichever recording it is.
+    """
+    count = len(traces[0].time)
+    held: dict[int, int] = {}
+    for trace in traces:
+        last = -np.inf
+        for k in np.flatnonzero(np.diff(trace.contact.astype(int), prepend=0) == 1).tolist():
+            if trace.time[k] - last >= _APART:
+                held[k] = _HOLD
+            last = trace.time[k]
+    shown = sorted({*range(0, count, EVERY), *held})
+    return [k for k in shown for _ in range(1 + held.get(k, 0))]
+
+
 def pictures(traces: Sequence[Trace]) -> int:
     """How many pictures a film of them has."""
-    return len(range(0, len(traces[0].time), EVERY))
+    return len(rows(traces))
+
+
+def caption(trace: Trace, k: int) -> plots.Caption:
+    """What a film says of a row of a recording."""
+    shielded = bool(np.any(np.isfinite(trace.correction)))
+    status, colour = _WORDS[Status(int(trace.status[k]))] if shielded else ("no shield", GREY)
+    near, reason = float(trace.distance[k]), str(trace.reason[k])
+    numbers = f"{trace.time[k]:5.2f} s    " + (f"distance {near:.3f} m" if np.isfinite(near) else "nobody there")
+    if trace.contact[k]:
+        status, colour = "contact", RED
+        numbers = f"{trace.time[k]:5.2f} s    {max(-near, 0.0):.3f} m deep, arm at {trace.contact_speed[k]:.2f} m/s"
+    elif trace.success[k] and not trace.holds:
+        reason = "goal reached" + (f"; {reason}" if reason else "")
+    return plots.Caption(trace.name, status, colour, numbers, reason)
 
 
 def film(
-    traces: Sequence[Trace], robot: RobotModel, *, d_min: float, pretty: bool = False
+    traces: Sequence[Trace], robot: RobotModel, *, d_min: float, pretty: bool = False, capsules: bool = False
 ) -> Iterator[NDArray[np.uint8]]:
-    """The runs side by side, the critical point pair drawn in red; below them distances, and jerks of two seconds.
+    """The runs side by side, from one camera that has arm, goal and people in the frame all the time.
+
+    Above each its name and status, below it clock, distance and reason, a gauge of the distance, and the jerks of the
+    last two seconds. The shortest line between arm and people is red; where they touch there is a mark, the picture has
+    a red frame, and the film stands still for a moment.
 
     Args:
         traces: Episodes of the same length, robot and half-spaces.
         robot: The robot, where it stands.
         d_min: Marked on the gauge [m].
         pretty: Shadows and smooth edges: ten times slower.
+        capsules: Whether the capsules, which are what is measured, are drawn too.
     """
-    size, first = 480, traces[0]
+    first = traces[0]
     scene = next((name for name in first.plane_names if name in SCENES), "floor")
-    planes = Planes(first.plane_normal, first.plane_offset, first.plane_names)
-    world = World(robot, scene, pretty=pretty, width=size, height=size)
-    labels = [plots.label(trace.name, size) for trace in traces]
-    zero = np.zeros(robot.n)
+    world = World(robot, scene, pretty=pretty, width=_SIZE, height=_SIZE)
+    world.look_from(episode_camera(traces, robot))
+    rule: NDArray[np.uint8] | None = None
+    shown, done = (-1, np.zeros((0, 0, 3), np.uint8)), rows(traces)
     try:
-        for k in range(0, len(first.time), EVERY):
-            columns = []
-            for trace, label in zip(traces, labels, strict=True):
-                people = _people(trace, k)
-                near = measure(robot, JointState(trace.position[k], zero, zero), people, planes)
-                picture = world.picture(trace.position[k], people, pair=near.points)
-                bar = plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), bool(trace.contact[k]), size)
-                jerks = plots.ribbon(trace.jerk[: k + 1] / robot.limits.jerk, size)
-                columns.append(np.vstack([label, picture, bar, jerks]))
-            yield np.hstack(columns)
+        for k in done:
+            if shown[0] != k:
+                columns: list[NDArray[np.uint8]] = []
+                for trace in traces:
+                    if columns:
+                        rule = np.full((len(columns[0]), _DIVIDER, 3), _RULE, np.uint8) if rule is None else rule
+                        columns.append(rule)
+                    columns.append(_column(world, trace, k, robot, d_min, capsules))
+                shown = k, np.hstack(columns)
+            yield shown[1]
     finally:
         world.close()
 
 
-def _people(trace: Trace, k: int) -> CapsuleSet:
-    still = np.zeros_like(trace.human_start[k])
-    return CapsuleSet(
-        trace.human_start[k],
-        trace.human_end[k],
-        still,
-        still,
-        trace.human_radius,
-        trace.human_names,
-        trace.human_person,
+def _column(
+    world: World, trace: Trace, k: int, robot: RobotModel, d_min: float, capsules: bool
+) -> NDArray[np.uint8]:
+    """One run at one moment, from top to bottom."""
+    people, touches = people_of(trace, k), bool(trace.contact[k])
+    arm = posed(robot, trace.position[k], people)
+    line, goal = arm.line, goal_points(robot, trace.goal[k], trace.holds)
+    picture = world.picture(trace.position[k], people, Marks(line, goal, arm.touching if touches else None, capsules))
+    if touches:
+        picture = _framed(picture)
+    said = caption(trace, k)
+    return np.vstack(
+        [
+            plots.heading(said, _SIZE),
+            picture,
+            plots.footer(said, _SIZE),
+            plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), touches, _SIZE),
+            plots.ribbon(trace.jerk[: k + 1] / robot.limits.jerk, _SIZE),
+        ]
     )
+
+
+def _framed(picture: NDArray[np.uint8], width: int = 6) -> NDArray[np.uint8]:
+    """A picture with a red frame."""
+    framed = np.full_like(picture, rgb(RED))
+    framed[width:-width, width:-width] = picture[width:-width, width:-width]
+    return framed

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from jssa_gym.plots.backend import draw_without_display
+from jssa_gym.plots.style import draw_without_display
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

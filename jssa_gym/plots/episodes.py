@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import MissingExtraError
-from jssa_gym.plots.backend import COLOURS, INSTALL, draw_without_display
+from jssa_gym.palette import COLOURS
+from jssa_gym.plots.style import draw_without_display
 from jssa_gym.robots import JointLimits
 from jssa_gym.storage import whole_file
 from jssa_gym.text import printable
@@ -92,82 +93,3 @@ def shade(panels: Sequence[Any], trace: Trace) -> None:
 def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(active.astype(int), prepend=0, append=0))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
-def label(text: str, width: int, height: int = 30) -> NDArray[np.uint8]:
-    """A dark strip with a line of text, shape (height, width, 3)."""
-    draw_without_display()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100, facecolor="#22262b")
-    figure.text(0.03, 0.5, printable(text), color="white", fontsize=11, va="center", parse_math=False)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[:height, :width, :3].copy()
-
-
-def gauge(
-    distance: float, d_min: float, active: bool, touching: bool, width: int, height: int = 14
-) -> NDArray[np.uint8]:
-    """A bar as long as the distance, up to 1 m: grey, orange while the shield acts, red in contact."""
-    strip = np.full((height, width, 3), 34, np.uint8)
-    colour = (200, 40, 40) if touching else (230, 159, 0) if active else (150, 160, 170)
-    length = width if touching else int(np.clip(distance, 0.0, 1.0) * width)
-    strip[3:-3, :length] = colour
-    mark = int(d_min * width)
-    strip[:, mark : mark + 2] = (255, 255, 255)
-    return strip
-
-
-def ribbon(share: Array, width: int, height: int = 46, steps: int = 250) -> NDArray[np.uint8]:
-    """The last ``steps`` control steps of every joint's jerk, newest at the right, shape (height, width, 3).
-
-    A shield that flips a jerk between its bounds fills it from top to bottom, one that gives way leaves a line.
-
-    Args:
-        share: Jerks so far over their bounds, shape (t, n).
-        width, height: Of the picture.
-        steps: How many are shown.
-    """
-    strip = np.full((height, width, 3), 34, np.uint8)
-    strip[height // 2] = (90, 96, 104)
-    shown = share[-steps - 1 :]
-    rows = np.clip(np.rint((1.0 - shown) / 2.0 * (height - 7) + 3), 0, height - 1).astype(int)
-    right = width - np.arange(len(shown) - 1, -1, -1) * width / steps
-    for k in range(1, len(shown)):
-        left, end = int(max(right[k - 1], 0.0)), int(right[k])
-        for j in range(rows.shape[1]):
-            top, bottom = sorted((rows[k - 1, j], rows[k, j]))
-            if shown[k - 1, j] or shown[k, j]:
-                strip[top : bottom + 1, left : max(end, left + 1)] = _RGB[j % len(_RGB)]
-    return strip
-
-
-def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int) -> None:
-    """Write frames as H.264 into an MP4; the file appears when it is complete.
-
-    Args:
-        path: The file.
-        frames: Pictures of one shape with even sides, (height, width, 3).
-        rate: Frames a second.
-
-    Raises:
-        MissingExtraError: PyAV is not installed.
-        StorageError: The file cannot be written.
-    """
-    try:
-        import av
-    except ImportError as error:
-        raise MissingExtraError(f"films need the extra 'plots': {INSTALL}") from error
-    with whole_file(Path(path)) as file, av.open(file, "w", format="mp4") as container:
-        stream: Any = container.add_stream("h264", rate=rate)
-        stream.pix_fmt = "yuv420p"
-        stream.options = {"crf": "22", "preset": "fast"}
-        for k, picture in enumerate(frames):
-            if k == 0:
-                stream.height, stream.width = picture.shape[:2]
-            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
-                container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jssa_gym.plots.backend import COLOURS, draw_without_display
+from jssa_gym.palette import COLOURS
+from jssa_gym.plots.style import draw_without_display
 from jssa_gym.plots.episodes import shade
 from jssa_gym.text import printable
 

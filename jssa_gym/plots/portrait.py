@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jssa_gym.kernels.index import index_value
-from jssa_gym.plots.backend import draw_without_display
+from jssa_gym.plots.style import draw_without_display
 from jssa_gym.safety.condition import fastest_approach
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jssa_gym.plots.backend import draw_without_display
+from jssa_gym.plots.style import draw_without_display
 from jssa_gym.types import Array
 
 if TYPE_CHECKING:
