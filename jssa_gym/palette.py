@@ -2,6 +2,8 @@
 
 BLUE, RED, GREEN, ORANGE, PINK, SKY = "#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9"
 GREY, BLACK = "#7F7F7F", "#000000"
+CONTACT = "#D62728"
+"""Of what must not be missed, and of nothing else."""
 
 COLOURS = (BLUE, RED, GREEN, ORANGE, PINK, SKY, GREY, BLACK)
 """In an order in which neighbours differ in lightness too."""

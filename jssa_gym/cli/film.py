@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym import plots
+from jssa_gym.envs.camera import ELEVATION
 from jssa_gym.envs.drawing import Marks, goal_points
 from jssa_gym.envs.opengl import check_opengl
 from jssa_gym.envs.surroundings import posed
 from jssa_gym.envs.view import episode_camera, people_of
 from jssa_gym.envs.world import SCENES, World
 from jssa_gym.exceptions import DisplayError
-from jssa_gym.palette import BLUE, GREEN, GREY, ORANGE, PINK, RED, rgb
+from jssa_gym.palette import BLUE, CONTACT, GREEN, GREY, ORANGE, PINK, RED, rgb
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Status, Trace
 
@@ -25,8 +26,8 @@ _HOLD = 20
 _APART = 1.0
 """A contact that follows another one of the same episode sooner is not held again [s]."""
 
-_SIZE, _DIVIDER = 480, 4
-"""Side of a picture, and what is between two [pixels]."""
+_WIDTH, _HEIGHT, _DIVIDER = 480, 400, 4
+"""Of a picture, and what is between two [pixels]."""
 
 _RULE = (108, 116, 126)
 
@@ -79,11 +80,11 @@ def pictures(traces: Sequence[Trace]) -> int:
 def caption(trace: Trace, k: int) -> plots.Caption:
     """What a film says of a row of a recording."""
     shielded = bool(np.any(np.isfinite(trace.correction)))
-    status, colour = _WORDS[Status(int(trace.status[k]))] if shielded else ("no shield", GREY)
+    status, colour = _WORDS[Status(int(trace.status[k]))] if shielded else ("policy alone", GREY)
     near, reason = float(trace.distance[k]), str(trace.reason[k])
     numbers = f"{trace.time[k]:5.2f} s    " + (f"distance {near:.3f} m" if np.isfinite(near) else "nobody there")
     if trace.contact[k]:
-        status, colour = "contact", RED
+        status, colour = "contact", CONTACT
         numbers = f"{trace.time[k]:5.2f} s    {max(-near, 0.0):.3f} m deep, arm at {trace.contact_speed[k]:.2f} m/s"
     elif trace.success[k] and not trace.holds:
         reason = "goal reached" + (f"; {reason}" if reason else "")
@@ -91,7 +92,13 @@ def caption(trace: Trace, k: int) -> plots.Caption:
 
 
 def film(
-    traces: Sequence[Trace], robot: RobotModel, *, d_min: float, pretty: bool = False, capsules: bool = False
+    traces: Sequence[Trace],
+    robot: RobotModel,
+    *,
+    d_min: float,
+    pretty: bool = False,
+    capsules: bool = False,
+    elevation: float = ELEVATION,
 ) -> Iterator[NDArray[np.uint8]]:
     """The runs side by side, from one camera that has arm, goal and people in the frame all the time.
 
@@ -105,11 +112,12 @@ def film(
         d_min: Marked on the gauge [m].
         pretty: Shadows and smooth edges: ten times slower.
         capsules: Whether the capsules, which are what is measured, are drawn too.
+        elevation: Of the camera, negative for one that looks down [degrees].
     """
     first = traces[0]
     scene = next((name for name in first.plane_names if name in SCENES), "floor")
-    world = World(robot, scene, pretty=pretty, width=_SIZE, height=_SIZE)
-    world.look_from(episode_camera(traces, robot))
+    world = World(robot, scene, pretty=pretty, width=_WIDTH, height=_HEIGHT)
+    world.look_from(episode_camera(traces, robot, _WIDTH / _HEIGHT, elevation))
     rule: NDArray[np.uint8] | None = None
     shown, done = (-1, np.zeros((0, 0, 3), np.uint8)), rows(traces)
     try:
@@ -140,17 +148,17 @@ def _column(
     said = caption(trace, k)
     return np.vstack(
         [
-            plots.heading(said, _SIZE),
+            plots.heading(said, _WIDTH),
             picture,
-            plots.footer(said, _SIZE),
-            plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), touches, _SIZE),
-            plots.ribbon(trace.jerk[: k + 1] / robot.limits.jerk, _SIZE),
+            plots.footer(said, _WIDTH),
+            plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), touches, _WIDTH),
+            plots.ribbon(trace.jerk[: k + 1] / robot.limits.jerk, _WIDTH),
         ]
     )
 
 
 def _framed(picture: NDArray[np.uint8], width: int = 6) -> NDArray[np.uint8]:
     """A picture with a red frame."""
-    framed = np.full_like(picture, rgb(RED))
+    framed = np.full_like(picture, rgb(CONTACT))
     framed[width:-width, width:-width] = picture[width:-width, width:-width]
     return framed

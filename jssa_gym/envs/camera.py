@@ -14,8 +14,8 @@ FIELD = 38.0
 _ROOM = 0.93
 """Share of the picture, from its middle, that what is framed may fill."""
 
-_ELEVATION = -12.0
-"""Of the cameras that are chosen here: a little from above [degrees]."""
+ELEVATION = -12.0
+"""Of cameras unless told otherwise: a little from above [degrees]."""
 
 _SIDES = tuple(range(0, 360, 15))
 """Directions that a camera may be chosen from [degrees]."""
@@ -59,7 +59,7 @@ class Camera:
 
 
 def framing(
-    points: Array, radius: Array, azimuth: float, elevation: float = _ELEVATION, aspect: float = 1.0
+    points: Array, radius: Array, azimuth: float, elevation: float = ELEVATION, aspect: float = 1.0
 ) -> Camera:
     """The nearest camera of a direction that has all in its picture.
 
@@ -90,6 +90,7 @@ def chosen(
     points: Array,
     radius: Array,
     moments: Sequence[tuple[Array, CapsuleSet, tuple[Array, Array] | None]],
+    elevation: float = ELEVATION,
     aspect: float = 1.0,
 ) -> Camera:
     """A camera that frames all and, of all sides, has people hide the arm least and the shortest line be longest.
@@ -97,6 +98,7 @@ def chosen(
     Args:
         points, radius: What has to be in the picture, see :func:`framing`.
         moments: Points of the arm (k, 3) [m], the people then, and the ends of the shortest line between them.
+        elevation: See :class:`Camera`.
         aspect: Width of the picture over its height.
     """
 
@@ -106,7 +108,7 @@ def chosen(
         return -3.0 * float(hidden) + float(np.mean(across or [0.0])) - 0.15 * camera.distance
 
     lines = [line for *_, line in moments if line is not None]
-    return max((framing(points, radius, azimuth, aspect=aspect) for azimuth in _SIDES), key=merit)
+    return max((framing(points, radius, azimuth, elevation, aspect) for azimuth in _SIDES), key=merit)
 
 
 def hides(eye: Array, points: Array, people: CapsuleSet) -> Array:

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jssa_gym.envs.camera import Camera, balls_of, chosen, framing
+from jssa_gym.envs.camera import ELEVATION, Camera, balls_of, chosen, framing
 from jssa_gym.envs.drawing import goal_points
 from jssa_gym.envs.surroundings import posed
 from jssa_gym.humans import HumanMotion
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Trace
 
-_AROUND, _CLOSE = 0.9, 0.2
+_AROUND, _CLOSE = 0.6, 0.2
 """People count for the frame of an episode, and live, while they are no further outside of the arm's reach [m]."""
 
 _SHARE = 0.75
@@ -22,7 +22,7 @@ _AZIMUTH = 98.0
 """Of the live camera, which does not know yet where people will be closest [degrees]."""
 
 _REHEARSALS, _SECONDS, _STEP = 4, 8.0, 0.04
-_LOOKS = 60
+_LOOKS = 40
 """So many moments of an episode are looked at to choose a camera."""
 
 
@@ -49,7 +49,9 @@ def live_camera(robot: RobotModel, human: HumanMotion, aspect: float) -> Camera:
     return framing(np.vstack([points, middle]), np.append(radius, reach), _AZIMUTH, aspect=aspect)
 
 
-def episode_camera(traces: Sequence[Trace], robot: RobotModel, aspect: float = 1.0) -> Camera:
+def episode_camera(
+    traces: Sequence[Trace], robot: RobotModel, aspect: float = 1.0, elevation: float = ELEVATION
+) -> Camera:
     """A camera that has arm, goal and people of recorded episodes in the picture, all the time.
 
     Of people it has those in the picture who are near enough to matter; who leaves, leaves the picture.
@@ -58,6 +60,7 @@ def episode_camera(traces: Sequence[Trace], robot: RobotModel, aspect: float = 1
         traces: Episodes of one robot beside the same people, or several.
         robot: The robot, where it stands.
         aspect: Width of the picture over its height.
+        elevation: Of looking, negative downwards [degrees].
     """
     balls, moments = [], []
     for trace in traces:
@@ -72,7 +75,7 @@ def episode_camera(traces: Sequence[Trace], robot: RobotModel, aspect: float = 1
             if goal is not None:
                 balls.append((goal, np.full(len(goal), 0.05)))
     points, radius = (np.concatenate(parts) for parts in zip(*balls, strict=True))
-    return chosen(points, radius, moments, aspect)
+    return chosen(points, radius, moments, elevation, aspect)
 
 
 def people_of(trace: Trace, k: int) -> CapsuleSet:
