@@ -1,5 +1,6 @@
 """Films of recorded episodes, all with one look."""
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -20,8 +21,8 @@ from jssa_gym.types import Status, Trace
 EVERY = 5
 """A picture every so many control steps: 25 a second."""
 
-_HOLD = 20
-"""So many pictures more show a contact when it begins."""
+_HOLD = 100
+"""For so many control steps a film stands still when a contact begins."""
 
 _APART = 1.0
 """A contact that follows another one of the same episode sooner is not held again [s]."""
@@ -55,10 +56,10 @@ def require_film() -> None:
         raise DisplayError(f"{error}; or give --no-video") from error
 
 
-def rows(traces: Sequence[Trace]) -> list[int]:
+def rows(traces: Sequence[Trace], every: int = EVERY) -> list[int]:
     """Which rows of the recordings a film shows, one after the other.
 
-    Every fifth, and the beginning of a contact for a moment longer, in whichever recording it is.
+    One in ``every``, and the beginning of a contact for a moment longer, in whichever recording it is.
     """
     count = len(traces[0].time)
     held: dict[int, int] = {}
@@ -66,9 +67,9 @@ def rows(traces: Sequence[Trace]) -> list[int]:
         last = -np.inf
         for k in np.flatnonzero(np.diff(trace.contact.astype(int), prepend=0) == 1).tolist():
             if trace.time[k] - last >= _APART:
-                held[k] = _HOLD
+                held[k] = _HOLD // every
             last = trace.time[k]
-    shown = sorted({*range(0, count, EVERY), *held})
+    shown = sorted({*range(0, count, every), *held})
     return [k for k in shown for _ in range(1 + held.get(k, 0))]
 
 
@@ -99,6 +100,7 @@ def film(
     pretty: bool = False,
     capsules: bool = False,
     elevation: float = ELEVATION,
+    every: int = EVERY,
 ) -> Iterator[NDArray[np.uint8]]:
     """The runs side by side, from one camera that has arm, goal and people in the frame all the time.
 
@@ -113,26 +115,25 @@ def film(
         pretty: Shadows and smooth edges: ten times slower.
         capsules: Whether the capsules, which are what is measured, are drawn too.
         elevation: Of the camera, negative for one that looks down [degrees].
+        every: Control steps between pictures.
     """
     first = traces[0]
     scene = next((name for name in first.plane_names if name in SCENES), "floor")
     world = World(robot, scene, pretty=pretty, width=_WIDTH, height=_HEIGHT)
     world.look_from(episode_camera(traces, robot, _WIDTH / _HEIGHT, elevation))
-    rule: NDArray[np.uint8] | None = None
-    shown, done = (-1, np.zeros((0, 0, 3), np.uint8)), rows(traces)
     try:
-        for k in done:
-            if shown[0] != k:
-                columns: list[NDArray[np.uint8]] = []
-                for trace in traces:
-                    if columns:
-                        rule = np.full((len(columns[0]), _DIVIDER, 3), _RULE, np.uint8) if rule is None else rule
-                        columns.append(rule)
-                    columns.append(_column(world, trace, k, robot, d_min, capsules))
-                shown = k, np.hstack(columns)
-            yield shown[1]
+        for k, again in itertools.groupby(rows(traces, every)):
+            picture = _beside([_column(world, trace, k, robot, d_min, capsules) for trace in traces])
+            for _ in again:
+                yield picture
     finally:
         world.close()
+
+
+def _beside(columns: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Columns of one height with a line between two."""
+    line = np.full((len(columns[0]), _DIVIDER, 3), _RULE, np.uint8)
+    return np.hstack([part for column in columns for part in (line, column)][1:])
 
 
 def _column(

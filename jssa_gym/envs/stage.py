@@ -21,7 +21,7 @@ def decorate(spec: "mujoco.MjSpec", table: float | None, pretty: bool, width: in
 
     visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight, visual.global_.fovy = width, height, FIELD
-    visual.quality.shadowsize = 4096 if pretty else 0
+    visual.quality.shadowsize = 2048 if pretty else 0
     visual.quality.offsamples = 4 if pretty else 0
     visual.map.shadowclip, visual.map.shadowscale = 3.2, 0.9
     visual.map.znear, visual.map.zfar = 0.02, 40.0

@@ -1,5 +1,6 @@
 """A window that shows a MuJoCo scene, in the thread that opens it, by GLFW, which MuJoCo comes with."""
 
+import re
 import time
 import warnings
 from collections.abc import Sequence
@@ -21,6 +22,12 @@ NO_DISPLAY = (
 
 _LATE = 0.1
 """By how much the window may be late and still catch up [s]."""
+
+_LONGEST = 0.04
+"""Of moments that come too late one is drawn so often [s]."""
+
+_SAID = re.compile(r"b[\'\"](.*)[\'\"]")
+"""What GLFW says, in its warning."""
 
 
 def check_display() -> None:
@@ -57,8 +64,7 @@ class Window:
             warnings.simplefilter("always")
             self._window = glfw.create_window(width, height, "jssa_gym", None, None) if glfw.init() else None
         if not self._window:
-            why = " ".join(str(told[-1].message).split()) if told else "GLFW opens none"
-            raise DisplayError(NO_DISPLAY.format(why=why))
+            raise DisplayError(NO_DISPLAY.format(why=_reason(str(told[-1].message)) if told else "GLFW opens none"))
         self._focus()
         glfw.swap_interval(0)
         try:
@@ -67,7 +73,8 @@ class Window:
         except Exception as error:  # every driver has errors of its own
             self.close()
             raise DisplayError(NO_DISPLAY.format(why=" ".join(str(error).split()))) from error
-        self._held, self._due = (0.0, 0.0), time.perf_counter()
+        self._held = (0.0, 0.0)
+        self._due = self._drawn = time.perf_counter()
         glfw.set_cursor_pos_callback(self._window, self._drag)
         glfw.set_scroll_callback(self._window, lambda _, x, y: self._move(mujoco.mjtMouse.mjMOUSE_ZOOM, 0.0, -0.05 * y))
 
@@ -77,7 +84,7 @@ class Window:
         return self._window is not None
 
     def show(self, data: "mujoco.MjData", option: "mujoco.MjvOption", drawn: Sequence[Solid], period: float) -> None:
-        """Draw a moment, and wait until it is time for it.
+        """Draw a moment when it is time for it; where drawing takes too long, only every few.
 
         Args:
             data: The model's state.
@@ -92,6 +99,11 @@ class Window:
         if glfw.window_should_close(self._window):
             self.close()
             return
+        now = time.perf_counter()
+        time.sleep(max(self._due - now, 0.0))
+        late, self._due = now > self._due, max(self._due, now - _LATE) + period
+        if late and now - self._drawn < _LONGEST:
+            return
         self._focus()
         every = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(model, data, option, None, self._camera, every, self._scene)
@@ -101,9 +113,7 @@ class Window:
         viewport = mujoco.MjrRect(0, 0, *glfw.get_framebuffer_size(self._window))
         mujoco.mjr_render(viewport, self._scene, self._context)
         glfw.swap_buffers(self._window)
-        now = time.perf_counter()
-        time.sleep(max(self._due - now, 0.0))
-        self._due = max(self._due, now - _LATE) + period
+        self._drawn = time.perf_counter()
 
     def close(self) -> None:
         """Close it."""
@@ -131,3 +141,8 @@ class Window:
 
     def _move(self, action: Any, x: float, y: float) -> None:
         self._mujoco.mjv_moveCamera(self._model, action, x, y, self._scene, self._camera)
+
+
+def _reason(warning: str) -> str:
+    found = _SAID.search(warning)
+    return " ".join((found.group(1) if found else warning).split())

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import MissingExtraError
-from jssa_gym.palette import COLOURS
-from jssa_gym.plots.style import draw_without_display
+from jssa_gym.palette import BLACK, BLUE, COLOURS, ORANGE, RED
+from jssa_gym.plots.style import legend_beside, styled
 from jssa_gym.robots import JointLimits
 from jssa_gym.storage import whole_file
 from jssa_gym.text import printable
@@ -18,10 +18,11 @@ from jssa_gym.types import Array, Trace
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_RGB = [tuple(bytes.fromhex(colour[1:])) for colour in COLOURS if colour != "#000000"]
-"""Colours to be seen on dark ground."""
+_SHADE = 0.18
+"""How opaque the shading is of times in which a shield was active."""
 
 
+@styled
 def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figure":
     """The five panels of the paper's Fig. 6, a column a trace.
 
@@ -36,10 +37,9 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    draw_without_display()
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.2 * len(traces), 11.0), layout="constrained")
+    figure = Figure(figsize=(4.6 * len(traces) + 1.4, 10.0), layout="constrained")
     axes = figure.subplots(5, len(traces), sharex=True, sharey="row", squeeze=False)
     for column, trace in zip(axes.T, traces, strict=True):
         _column(column, trace, limits, d_min)
@@ -54,32 +54,29 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
         largest = max(np.nanmax(np.abs(getattr(trace, field)), initial=0.0) for trace in traces)
         bound = min(max(1.1 * largest, 0.1), most)
         axes[row, 0].set_ylim(-bound, bound)
+    for row in (0, 3, 4):
+        legend_beside(axes[row, -1])
     return figure
 
 
 def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float) -> None:
     time = trace.time
     axes[0].set_title(printable(trace.name), parse_math=False)
-    axes[0].plot(time, trace.distance, color="black")
-    axes[0].axhline(d_min, color="#D55E00", linestyle="--", linewidth=1.0, label=f"d_min = {d_min} m")
-    axes[0].axhline(0.0, color="#D55E00", linewidth=1.0, label="contact")
-    axes[0].legend(loc="upper right", fontsize="small")
-    axes[1].plot(time, trace.speed, color="black")
-    axes[2].plot(time, trace.acceleration_of_distance, color="black", linewidth=0.8)
-    axes[3].step(time, trace.pair[:, 0] + 1, where="post", color="#0072B2", label="robot")
-    axes[3].step(time, trace.pair[:, 1] + 1, where="post", color="#D55E00", linestyle=":", label="human")
+    axes[0].plot(time, trace.distance, color=BLACK)
+    axes[0].axhline(d_min, color=RED, linestyle="--", linewidth=1.0, label=f"$d_{{min}}$ = {d_min} m")
+    axes[0].axhline(0.0, color=RED, linewidth=1.0, label="contact")
+    axes[0].axvspan(np.nan, np.nan, color=ORANGE, alpha=_SHADE, label="shield active")
+    axes[1].plot(time, trace.speed, color=BLACK)
+    axes[2].plot(time, trace.acceleration_of_distance, color=BLACK, linewidth=0.9)
+    axes[3].step(time, trace.pair[:, 0] + 1, where="post", color=BLUE, label="robot")
+    axes[3].step(time, trace.pair[:, 1] + 1, where="post", color=RED, linestyle=":", label="human")
     axes[3].set_yticks(range(1, 7))
-    axes[3].legend(loc="upper right", fontsize="small")
     share = trace.jerk / limits.jerk
     for j in range(share.shape[1]):
         colour = COLOURS[j % len(COLOURS)]
         axes[4].plot(time, share[:, j], color=colour, linewidth=0.8, label=f"J{j + 1}")
     axes[4].set_ylim(-1.1, 1.1)
-    axes[4].legend(loc="upper right", fontsize="x-small", ncols=3)
     axes[4].set_xlabel("time [s]")
-    if trace.intervened.any():
-        axes[0].axvspan(np.nan, np.nan, color="#E69F00", alpha=0.18, label="shield active")
-        axes[0].legend(loc="upper right", fontsize="small")
     shade(axes, trace)
 
 
@@ -87,7 +84,7 @@ def shade(panels: Sequence[Any], trace: Trace) -> None:
     """Mark when an episode's shield was active, on every panel."""
     for start, end in _spans(trace.intervened):
         for panel in panels:
-            panel.axvspan(trace.time[start] - trace.dt, trace.time[end - 1], color="#E69F00", alpha=0.18, linewidth=0.0)
+            panel.axvspan(trace.time[start] - trace.dt, trace.time[end - 1], color=ORANGE, alpha=_SHADE, linewidth=0.0)
 
 
 def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -1,9 +1,9 @@
 """One look for all figures: letters, lines, and where legends go; the colours are :mod:`jssa_gym.palette`'s."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, ParamSpec
 
 from jssa_gym.exceptions import MissingExtraError
 
@@ -50,8 +50,12 @@ def draw_without_display() -> None:
     matplotlib.use("agg", force=False)
 
 
-def legend_above(axes: "Axes", columns: int = 4, handles: Sequence[Any] | None = None) -> None:
-    """A legend over the panel, where no curve is."""
-    place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": columns, "borderaxespad": 0.2}
-    given = {} if handles is None else {"handles": list(handles)}
-    axes.legend(**place, **given)
+def legend_beside(axes: "Axes") -> None:
+    """A legend to the right of a panel, where no curve is."""
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), borderaxespad=0.0)
+
+
+def legend_below(figure: "Figure", axes: "Axes", columns: int = 3) -> None:
+    """A panel's legend below the whole figure, which is laid out around it."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
