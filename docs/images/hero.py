@@ -97,14 +97,14 @@ def main() -> None:
         )
         print(f"{name}: {traces[-1].distance.min():.3f} m, fastest contact {traces[-1].contact_speed.max():.2f} m/s")
     frames = film(traces, base.robot, d_min=base.d_min, pretty=True, elevation=-22.0, every=2 * EVERY)
-    write_webp(Path(__file__).with_name("hero.webp"), map(Image.fromarray, frames), width=1080)
+    write_webp(Path(__file__).with_name("hero.webp"), map(Image.fromarray, frames), width=880)
 
 
 def write_webp(file: Path, frames: Iterable[Image.Image], width: int) -> None:
     """Pictures of a film, every tenth control step."""
     first, *more = (frame.resize((width, round(width * frame.height / frame.width)), LANCZOS) for frame in frames)
     duration = round(2000 * EVERY * DT)
-    first.save(file, save_all=True, append_images=more, duration=duration, loop=0, quality=55, method=4)
+    first.save(file, save_all=True, append_images=more, duration=duration, loop=0, quality=34, method=6)
     print(f"{file.name}: {1 + len(more)} pictures, {file.stat().st_size / 2**20:.2f} MiB")
 
 

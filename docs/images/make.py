@@ -21,7 +21,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "jssa_gym", *sweep.split(), folder], check=True)
         Path(folder, "map.png").replace(HERE / "lambda_map.png")
-    write_webp(HERE / "demo.webp", frames[::2], 1440)
+    write_webp(HERE / "demo.webp", frames[::2], 1200)
 
 
 if __name__ == "__main__":
