@@ -108,6 +108,5 @@ def write_webp(file: Path, frames: Iterable[Image.Image], width: int) -> None:
     print(f"{file.name}: {1 + len(more)} pictures, {file.stat().st_size / 2**20:.2f} MiB")
 
 
-
 if __name__ == "__main__":
     main()

@@ -136,9 +136,7 @@ def _beside(columns: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     return np.hstack([part for column in columns for part in (line, column)][1:])
 
 
-def _column(
-    world: World, trace: Trace, k: int, robot: RobotModel, d_min: float, capsules: bool
-) -> NDArray[np.uint8]:
+def _column(world: World, trace: Trace, k: int, robot: RobotModel, d_min: float, capsules: bool) -> NDArray[np.uint8]:
     """One run at one moment, from top to bottom."""
     people, touches = people_of(trace, k), bool(trace.contact[k])
     arm = posed(robot, trace.position[k], people)

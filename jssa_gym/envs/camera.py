@@ -58,9 +58,7 @@ class Camera:
         return np.where(ahead[:, None] > 0.0, seen, np.nan)
 
 
-def framing(
-    points: Array, radius: Array, azimuth: float, elevation: float = ELEVATION, aspect: float = 1.0
-) -> Camera:
+def framing(points: Array, radius: Array, azimuth: float, elevation: float = ELEVATION, aspect: float = 1.0) -> Camera:
     """The nearest camera of a direction that has all in its picture.
 
     Seen along the axes of the picture, a ball is inside if it is inside of the four planes through the eye; the

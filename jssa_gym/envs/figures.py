@@ -4,6 +4,7 @@ Capsules are what is measured; here is only what is drawn of them.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -75,7 +76,7 @@ def goal(points: Array, floor: float) -> list[Solid]:
         foot = np.array([points[0][0], points[0][1], floor])
         drawn.append(Solid(foot, points[0], 0.005, GREEN, 0.8))
         drawn.append(Solid(foot, foot, 0.018, GREEN, 0.8))
-    drawn += [Solid(a, b, 0.005, GREEN, 0.8) for a, b in zip(points, points[1:], strict=False)]
+    drawn += [Solid(a, b, 0.005, GREEN, 0.8) for a, b in pairwise(points)]
     return drawn
 
 
@@ -146,13 +147,19 @@ def _trunk(
     waist = (one + other) / 2.0
     half, wide = 0.40 * radius * aside, 0.56 * radius
     down = _unit(waist - (right + left) / 2.0, (0.0, 0.0, -1.0))
-    inner = [shoulder + sign * 0.18 * radius * aside + 0.22 * radius * down for shoulder, sign in
-             ((right, -1.0), (left, 1.0))]
+    inner = [
+        shoulder + sign * 0.18 * radius * aside + 0.22 * radius * down
+        for shoulder, sign in ((right, -1.0), (left, 1.0))
+    ]
     drawn = [Solid(inner[0], inner[1], 0.40 * radius, shirt)]
     for sign, shoulder in zip((1.0, -1.0), inner, strict=True):
-        drawn.append(Solid(shoulder + 0.3 * radius * down - sign * 0.1 * radius * aside, waist + sign * half, wide, shirt))
+        drawn.append(
+            Solid(shoulder + 0.3 * radius * down - sign * 0.1 * radius * aside, waist + sign * half, wide, shirt)
+        )
     drawn.append(Solid(waist + half - 0.1 * radius * down, waist - half - 0.1 * radius * down, 0.58 * radius, shirt))
-    drawn.append(Solid(waist + half + 0.32 * radius * down, waist - half + 0.32 * radius * down, 0.52 * radius, _TROUSERS))
+    drawn.append(
+        Solid(waist + half + 0.32 * radius * down, waist - half + 0.32 * radius * down, 0.52 * radius, _TROUSERS)
+    )
     return drawn
 
 

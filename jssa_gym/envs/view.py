@@ -10,7 +10,7 @@ from jssa_gym.envs.drawing import goal_points
 from jssa_gym.envs.surroundings import posed
 from jssa_gym.humans import HumanMotion
 from jssa_gym.robots import RobotModel
-from jssa_gym.types import Array, CapsuleSet, Trace
+from jssa_gym.types import CapsuleSet, Trace
 
 _AROUND, _CLOSE = 0.6, 0.2
 """People count for the frame of an episode, and live, while they are no further outside of the arm's reach [m]."""

@@ -41,7 +41,7 @@ def check_display() -> None:
 
 
 class Window:
-    """Shows moments, no faster than they happen. The mouse turns the camera (left), moves it (right), and zooms (wheel).
+    """Shows moments, no faster than they happen; the mouse turns the camera (left), moves it (right) and zooms.
 
     Once somebody closes the window, nothing is shown any more.
 

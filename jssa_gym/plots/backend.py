@@ -12,6 +12,7 @@ from jssa_gym.exceptions import MissingExtraError
 from jssa_gym.plots.style import INSTALL, draw_without_display
 from jssa_gym.storage import whole_file
 
+
 def require(film: bool = False) -> None:
     """Find out before long work whether figures, and films, can be made.
 

@@ -1,19 +1,16 @@
 """Figures and films of recorded episodes."""
 
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.exceptions import MissingExtraError
 from jssa_gym.palette import BLACK, BLUE, COLOURS, ORANGE, RED
 from jssa_gym.plots.style import legend_beside, styled
 from jssa_gym.robots import JointLimits
-from jssa_gym.storage import whole_file
 from jssa_gym.text import printable
-from jssa_gym.types import Array, Trace
+from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
