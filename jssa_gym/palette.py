@@ -1,7 +1,7 @@
 """Colours for figures, films and pages, told apart by colour-blind people: Okabe and Ito's, and a grey."""
 
 BLUE, RED, GREEN, ORANGE, PINK, SKY = "#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9"
-GREY, BLACK = "#7F7F7F", "#000000"
+GREY, BLACK = "#666666", "#000000"
 CONTACT = "#D62728"
 """Of what must not be missed, and of nothing else."""
 

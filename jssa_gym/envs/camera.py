@@ -14,6 +14,9 @@ FIELD = 38.0
 _ROOM = 0.93
 """Share of the picture, from its middle, that what is framed may fill."""
 
+_NEAREST = 0.1
+"""No ball is nearer to the eye [m]."""
+
 ELEVATION = -12.0
 """Of cameras unless told otherwise: a little from above [degrees]."""
 
@@ -78,9 +81,9 @@ def framing(points: Array, radius: Array, azimuth: float, elevation: float = ELE
         grown = radius * np.sqrt(1.0 + slope**2)
         most, least = (across - slope * ahead + grown).max(), (-across - slope * ahead + grown).max()
         middle[k], depth[k] = (most - least) / 2.0, -(most + least) / (2.0 * slope)
-    back = float(depth.min())
-    look = float(np.median(ahead))
-    distance = max(look - back, 0.1)
+    # nothing may be behind the eye either
+    back = min(float(depth.min()), float((ahead - radius).min()) - _NEAREST)
+    distance = float(np.median(ahead)) - back
     return Camera(azimuth, elevation, distance, np.array([*middle, back + distance]) @ axes)
 
 

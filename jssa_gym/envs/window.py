@@ -1,5 +1,6 @@
 """A window that shows a MuJoCo scene, in the thread that opens it, by GLFW, which MuJoCo comes with."""
 
+import math
 import re
 import time
 import warnings
@@ -74,7 +75,7 @@ class Window:
             self.close()
             raise DisplayError(NO_DISPLAY.format(why=" ".join(str(error).split()))) from error
         self._held = (0.0, 0.0)
-        self._due = self._drawn = time.perf_counter()
+        self._due, self._drawn = time.perf_counter(), -math.inf
         glfw.set_cursor_pos_callback(self._window, self._drag)
         glfw.set_scroll_callback(self._window, lambda _, x, y: self._move(mujoco.mjtMouse.mjMOUSE_ZOOM, 0.0, -0.05 * y))
 

@@ -13,7 +13,7 @@ from jssa_gym.envs.surroundings import posed
 from jssa_gym.envs.view import around, episode_camera, live_camera
 from jssa_gym.envs.world import World
 from jssa_gym.evaluation import rollout
-from jssa_gym.humans import Body, make_human, nobody, together
+from jssa_gym.humans import ApproachRetreat, Body, make_human, nobody, together
 from jssa_gym.policies import HoldPolicy
 
 places = st.lists(st.tuples(*[st.floats(-3.0, 3.0)] * 3), min_size=1, max_size=12)
@@ -39,7 +39,7 @@ def test_all_balls_are_in_the_frame_and_no_more_room_than_needed(points, radius,
     spread = (points[:, None] + radius * way).reshape(-1, 3)
     seen = camera.project(spread, wide)
     assert np.all(np.abs(seen) <= 1.0)
-    if camera.distance > 0.11 and (radius > 0.01 or np.ptp(points, axis=0).max() > 0.1):
+    if np.abs(seen).max() > 0.9:  # else somebody would be behind the eye
         nearer = Camera(azimuth, elevation, 0.8 * camera.distance, camera.lookat)
         assert np.nanmax(np.abs(nearer.project(spread, wide))) > np.abs(seen).max()
 
@@ -51,9 +51,9 @@ def test_mujoco_draws_where_the_camera_says(robot):
     camera = framing(np.array([[0.3, 0.2, 1.2], [0.3, -0.9, 1.9]]), np.full(2, 0.1), 70.0, -20.0, 200 / 160)
     world.look_from(camera)
     point = np.array([0.3, -0.9, 1.9])
-    picture = world.picture(robot.home, nobody(), Marks(contact=point)).astype(int)
-    red = (picture[..., 0] > 150) & (picture[..., 1] < 60)
-    y, x = (float(np.mean(found)) for found in np.nonzero(red))
+    marked = world.picture(robot.home, nobody(), Marks(contact=point)).astype(int)
+    changed = np.abs(marked - world.picture(robot.home, nobody())).max(axis=2) > 5
+    y, x = (float(np.mean(found)) for found in np.nonzero(changed))
     (across, up) = camera.project(point[None], 200 / 160)[0]
     assert (x + 0.5, y + 0.5) == pytest.approx(((across + 1.0) * 100.0, (1.0 - up) * 80.0), abs=2.0)
     world.close()
@@ -102,7 +102,7 @@ def test_people_are_drawn_inside_of_their_capsules_and_have_hands():
             share = ((surface[:, None] - who.start) * bone).sum(-1) / np.maximum((bone**2).sum(-1), 1e-12)
             near = who.start + np.clip(share, 0.0, 1.0)[..., None] * bone
             outside = (np.linalg.norm(surface[:, None] - near, axis=-1) - who.radius).min(axis=1)
-            assert outside.max() < 0.06, solid  # a shoe's tip, a shoulder
+            assert outside.max() < 0.07, solid  # a shoe's tip, a shoulder
 
 
 def test_others_have_every_capsule_drawn_as_a_limb():
@@ -175,7 +175,8 @@ def test_a_goal_is_seen(task, goal):
 
 @pytest.mark.gl
 def test_a_contact_is_marked_in_a_picture():
-    env = ArmEnv("home", human="approach_retreat", render_mode="rgb_array", width=320, height=240, terminate_on=())
+    human = ApproachRetreat(nearest=(0.68, 0.68), side=(0.0, 0.0))  # up to where the arm is
+    env = ArmEnv("home", human=human, render_mode="rgb_array", width=320, height=240, terminate_on=())
     env.reset(seed=0, options={"human_start": (0.9, 0.0)})
     reds = {}
     for _ in range(400):

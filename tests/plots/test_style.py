@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
 from jssa_gym import HoldPolicy, plots
 from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import rollout
@@ -44,7 +46,7 @@ def test_every_figure_is_drawn_in_the_style(figure):
 
 
 def test_no_legend_lies_over_a_panel(figure):
-    figure.canvas.draw()
+    FigureCanvasAgg(figure).draw()
     legends = [axes.get_legend() for axes in figure.axes if axes.get_legend()] + figure.legends
     for legend, axes in itertools.product(legends, figure.axes):
         box, panel = legend.get_window_extent(), axes.get_window_extent()
