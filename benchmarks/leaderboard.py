@@ -16,6 +16,7 @@ import csv
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,10 @@ from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.leaderboard import UNFILTERED
 from jssa_gym.evaluation.slowdown import Slowdown
 from jssa_gym.evaluation.statistics import Rate, paired_difference, short
+from jssa_gym.palette import COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Cell = tuple[str, str, str]
 Episodes = dict[Cell, dict[str, dict[int, dict[str, float]]]]
@@ -204,21 +209,29 @@ def verdicts(found: Episodes, ours: str, rivals: Sequence[str], policies: Sequen
 
 def draw(found: Episodes, filters: Sequence[str], policies: Sequence[str], path: Path) -> None:
     """Moving contacts of everything against success without contact of the policies that want it, with intervals."""
-    import matplotlib.pyplot as plt  # the tables do without
+    from jssa_gym.plots.style import styled  # the tables do without
 
-    figure, axes = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
-    axes.set_prop_cycle(color=plt.get_cmap("tab20").colors)
-    for name in filters:
+    styled(_scatter)(found, filters, policies).savefig(path, dpi=110)
+
+
+def _scatter(found: Episodes, filters: Sequence[str], policies: Sequence[str]) -> "Figure":
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.2), layout="constrained")
+    axes = figure.subplots()
+    for k, name in enumerate(filters):
         everything = [e for cell in found.values() for e in cell[name].values()]
         wanted = [e for key, cell in found.items() if key[2] in policies for e in cell[name].values()]
         x, y = rate(everything, "moving contact"), rate(wanted, "success without contact")
         spread = [[[100 * (r.value - r.low)], [100 * (r.high - r.value)]] for r in (x, y)]
-        marker = "o" if name.endswith("+stop") or name == "stop" else "x"
-        axes.errorbar(100 * x.value, 100 * y.value, spread[1], spread[0], marker, label=name, markersize=7)
+        # a colour comes again with another shape; hollow ones have no verified stop
+        shape = "osD^v"[k // len(COLOURS) % 5]
+        fill = "full" if name.endswith("+stop") or name == "stop" else "none"
+        style = {"marker": shape, "fillstyle": fill, "color": COLOURS[k % len(COLOURS)], "markersize": 8}
+        axes.errorbar(100 * x.value, 100 * y.value, spread[1], spread[0], label=name, elinewidth=1.0, **style)
     axes.set(xlabel="episodes with a moving contact [%]", ylabel="success without a contact [%]")
-    axes.grid(alpha=0.3)
-    figure.legend(loc="outside right upper", title="o: verified stop", frameon=False)
-    figure.savefig(path, dpi=110)
+    figure.legend(loc="outside right upper", title="filled: verified stop")
+    return figure
 
 
 def main() -> None:

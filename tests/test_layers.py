@@ -13,7 +13,7 @@ PACKAGE = Path(jssa_gym.__file__).parent
 
 LAYERS = (
     ("kernels", "exceptions", "headless", "registration"),
-    ("tick", "types", "validation", "rates", "storage", "text"),
+    ("tick", "types", "validation", "rates", "storage", "text", "palette"),
     ("robots", "humans"),
     ("safety",),
     ("shields", "envs", "control"),
@@ -38,9 +38,11 @@ HEAVY = {
     "av": ("plots",),
     "mujoco": (
         *("headless", "robots.coverage", "robots.mjcf", "robots.model", "robots.prepare"),
-        *("robots.reading", "robots.serial"),
-        *("envs.opengl", "envs.world", "evaluation.oracle"),
+        *("robots.reading", "robots.serial", "envs.drawing", "envs.opengl", "envs.stage"),
+        *("envs.window", "envs.world", "evaluation.oracle"),
     ),
+    "glfw": ("envs.window",),
+    "PIL": ("plots",),
 }
 """Where a heavy library may be imported at all, and there only inside functions."""
 

@@ -1,4 +1,4 @@
-"""Make the pictures of README and docs anew: ``python docs/images/make.py`` (minutes; needs the extra ``plots``)."""
+"""Make the pictures of the docs anew: ``python docs/images/make.py`` (minutes; needs the extra ``plots``)."""
 
 import subprocess
 import sys
@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 import av
-from PIL import Image
+from hero import write_webp
 
 HERE = Path(__file__).parent
 
@@ -21,11 +21,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "jssa_gym", *sweep.split(), folder], check=True)
         Path(folder, "map.png").replace(HERE / "lambda_map.png")
-    small = [
-        frame.resize((1200, round(1200 * frame.height / frame.width)), Image.Resampling.LANCZOS) for frame in frames
-    ]
-    # every second frame: 12.5 a second, the film's own speed
-    small[0].save(HERE / "demo.webp", save_all=True, append_images=small[2::2], duration=80, loop=0, quality=70)
+    write_webp(HERE / "demo.webp", frames[::2], 1200)
 
 
 if __name__ == "__main__":

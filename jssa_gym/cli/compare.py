@@ -41,6 +41,8 @@ class Compare:
     """Length of an episode."""
     out: Path = Path("comparison")
     """Folder for report.html, episodes.csv, summary.json and recordings; one that is there already is continued."""
+    pair_policies: bool = False
+    """Give all policies the same seeds too: then they are ranked by pairs of episodes. Otherwise their seeds differ."""
     keep: int = 1
     """How many recordings of the worst episodes of every combination are kept."""
     v_safe: float = MOVING
@@ -68,6 +70,7 @@ class Compare:
             separation=self.separation.params(),
             trust_pickle=self.trust_pickle,
             robot=self.robot,
+            pair_policies=self.pair_policies,
         )
         reports = play(study, self.out, self.workers.chosen(), self.keep)
         ranked = standings(reports)
@@ -94,7 +97,8 @@ class Compare:
             parts += [f"--{name.replace('_', '-')}", str(value)]
         if self.robot != DEFAULT:
             parts += ["--robot", self.robot]
-        return shlex.join([*parts, "--trust-pickle"] if self.trust_pickle else parts)
+        parts += [f"--{name.replace('_', '-')}" for name in ("pair_policies", "trust_pickle") if getattr(self, name)]
+        return shlex.join(parts)
 
 
 def _plain(one: Standing) -> dict[str, object]:

@@ -56,6 +56,8 @@ class Demo:
     """Also film the runs side by side."""
     pretty: bool = False
     """Shadows and smooth edges in the film: ten times slower."""
+    capsules: bool = False
+    """Also draw the capsules, which are what is measured, in the film."""
     json: bool = False
     """Print the metrics as JSON instead of a table."""
 
@@ -88,7 +90,7 @@ class Demo:
             write_figure(self.out / "profile.png", figure)
             written = ["metrics.json", "profile.png"]
             if self.video:
-                frames = film(traces, robot, d_min=d_min, pretty=self.pretty)
+                frames = film(traces, robot, d_min=d_min, pretty=self.pretty, capsules=self.capsules)
                 bar = progress.track(frames, total=pictures(traces), description="filming")
                 plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (DT * EVERY)))
                 written.append("side_by_side.mp4")

@@ -42,6 +42,8 @@ class Replay:
     """Draw distance, its derivatives, critical capsules and jerks."""
     video: bool = True
     """Also film it."""
+    capsules: bool = False
+    """Also draw the capsules, which are what is measured, in the film."""
     verify: bool = False
     """Judge it with MuJoCo's kinematics and distances, at 1 kHz."""
     again: bool = False
@@ -106,7 +108,7 @@ class Replay:
                 write_figure(out / "profile.png", figure)
                 written.append(out / "profile.png")
             if self.video:
-                frames = film([trace], robot, d_min=trace.d_min)
+                frames = film([trace], robot, d_min=trace.d_min, capsules=self.capsules)
                 bar = progress.track(frames, total=pictures([trace]), description="filming")
                 plots.write_film(out / "episode.mp4", iter(bar), rate=round(1.0 / (trace.dt * EVERY)))
                 written.append(out / "episode.mp4")

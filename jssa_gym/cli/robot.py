@@ -15,6 +15,7 @@ from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.files import writable_folder, write_picture
 from jssa_gym.cli.progress import transient
 from jssa_gym.cli.terminal import Terminal
+from jssa_gym.envs.drawing import Marks
 from jssa_gym.envs.opengl import check_opengl
 from jssa_gym.envs.world import SCENES, World
 from jssa_gym.evaluation.proof import Proof, prove
@@ -169,7 +170,7 @@ def _picture(robot: RobotModel) -> Any:
     world.camera.lookat[:] = (0.2 * reach, 0.0, SCENES["table"] + 0.35 * reach)
     world.camera.azimuth, world.camera.elevation = 130.0, -15.0
     try:
-        return world.picture(np.array(robot.home), nobody(), capsules=True)
+        return world.picture(np.array(robot.home), nobody(), Marks(capsules=True))
     finally:
         world.close()
 

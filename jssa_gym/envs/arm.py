@@ -10,10 +10,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from jssa_gym.envs.drawing import Marks, goal_points
 from jssa_gym.envs.observation import Observation, arm_features
 from jssa_gym.envs.options import check_arguments, checked_options
 from jssa_gym.envs.surroundings import Closest, Surroundings
 from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Progress, Task, make_task
+from jssa_gym.envs.view import live_camera
 from jssa_gym.envs.world import SCENES, World, planes_of
 from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.headless import has_display
@@ -144,7 +146,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             see :func:`~jssa_gym.robots.make_robot`.
         terminate_on: What ends an episode.
         d_min: Distance below which ``cost`` is 1 [m].
-        render_mode: ``"rgb_array"``, ``"human"`` (a window; listed where there is a display) or None.
+        render_mode: ``"rgb_array"``, ``"human"`` (a window, where there is a display; it keeps to real time) or None.
         width, height: Size of pictures [pixels].
 
     Raises:
@@ -154,9 +156,10 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  # Gymnasium declares it so
-        "render_modes": ["rgb_array", "human"] if has_display() else ["rgb_array"],
+        "render_modes": ["rgb_array", "human"],
         "render_fps": round(1.0 / DT),
     }
+    """Of an environment where there is no display, render_modes are without ``human``."""
 
     def __init__(
         self,
@@ -188,6 +191,9 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.dt = DT
         self.d_min = positive_number("d_min", d_min)
         self.render_mode = render_mode
+        if not has_display():
+            modes = [mode for mode in self.metadata["render_modes"] if mode != "human"]
+            self.metadata = {**self.metadata, "render_modes": modes}
         self.dynamics = dynamics
         self.terminate_on = tuple(terminate_on)
         self._scene_name, self._size = scene, size
@@ -230,6 +236,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._world is None:
             width, height = self._size
             self._world = World(self.robot, self._scene_name, width=width, height=height)
+            if self.render_mode is not None:
+                self._world.look_from(live_camera(self.robot, self.human, width / height))
         return self._world
 
     @property
@@ -414,9 +422,11 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             gym.logger.warn("render() does nothing without a render_mode; pass render_mode='rgb_array'")
             return None
-        goal = self._goal if self._goal.shape == (3,) else None
-        draw = self.world.show if self.render_mode == "human" else self.world.picture
-        return draw(self._actual[0], self._people, pair=self._around.line, goal=goal)
+        goal = goal_points(self.robot, self._goal.ravel(), not self.task.ends)
+        marks = Marks(self._around.line, goal, self._around.touching)
+        if self.render_mode == "human":
+            return self.world.show(self._actual[0], self._people, marks, self.dt)
+        return self.world.picture(self._actual[0], self._people, marks)
 
     def close(self) -> None:
         """Free renderer and window; the environment can still be stepped."""

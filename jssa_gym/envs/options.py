@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jssa_gym.envs.tasks import Task
-from jssa_gym.exceptions import DisplayError, ParameterError
-from jssa_gym.headless import has_display
+from jssa_gym.envs.window import check_display
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HumanMotion
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
@@ -38,8 +38,8 @@ def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: A
     if render_mode is not None:
         known_name("render_mode", render_mode, ("rgb_array", "human"))
     size = positive_integer("width", width), positive_integer("height", height)
-    if render_mode == "human" and not has_display():
-        raise DisplayError("no display for a window; use render_mode='rgb_array'")
+    if render_mode == "human":
+        check_display()
     return size
 
 

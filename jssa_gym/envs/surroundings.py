@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jssa_gym.humans import nobody
 from jssa_gym.kernels.motion import violates
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, records
 from jssa_gym.robots import RobotModel
@@ -146,6 +147,15 @@ class Surroundings:
         return (near[7:10] - near[4:7], near[7:10]) if self._pair[0] >= 0 else None
 
     @property
+    def touching(self) -> Array | None:
+        """Where the closest pair touches, shape (3,) [m]; None where nothing does."""
+        (row, column), line = self._pair, self.line
+        if line is None or self.closest.distance > 0.0:
+            return None
+        own, theirs = self.seen.segments["radius"][row], self._people.radius[column]
+        return line[0] + own / (own + theirs) * (line[1] - line[0])
+
+    @property
     def robot_capsules(self) -> CapsuleSet:
         """The arm's capsules in the world, with velocities; copies."""
         segments = self.seen.segments
@@ -158,3 +168,12 @@ class Surroundings:
             self._robot.capsule_names,
             np.zeros(len(segments), np.int64),
         )
+
+
+def posed(robot: RobotModel, position: Array, people: CapsuleSet | None = None) -> Surroundings:
+    """An arm at rest at a joint position, shape (n,) [rad], measured against people; for pictures."""
+    people = nobody() if people is None else people
+    made = Surroundings(robot, max(len(people.radius), 1))
+    made.take(people)
+    made.look(np.vstack([position, np.zeros((2, robot.n))]))
+    return made

@@ -1,14 +1,18 @@
 """The MuJoCo side of a scene: pictures, and the servoed arm."""
 
-import threading
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.envs.camera import Camera
+from jssa_gym.envs.drawing import Marks, add_to, solids
+from jssa_gym.envs.figures import Solid
 from jssa_gym.envs.opengl import open_renderer
+from jssa_gym.envs.stage import decorate
+from jssa_gym.envs.window import Window
 from jssa_gym.exceptions import DisplayError, RobotModelError
-from jssa_gym.headless import choose_gl_backend, has_display
+from jssa_gym.headless import choose_gl_backend
 from jssa_gym.robots import RobotModel
 from jssa_gym.robots.mjcf import COLLISION_GROUP
 from jssa_gym.types import Array, CapsuleSet, Planes
@@ -23,14 +27,6 @@ TABLE_HEIGHT = 0.87
 SCENES: dict[str, float] = {"table": TABLE_HEIGHT, "floor": 0.0}
 """Height of the robot's base by the name of the scene [m]."""
 
-_CLOTHES = {
-    "head": (0.86, 0.67, 0.55, 1.0),
-    "core_body": (0.20, 0.42, 0.68, 1.0),
-    "right_arm": (0.24, 0.48, 0.76, 1.0),
-    "left_arm": (0.24, 0.48, 0.76, 1.0),
-    "right_leg": (0.22, 0.25, 0.33, 1.0),
-    "left_leg": (0.22, 0.25, 0.33, 1.0),
-}
 _SUBSTEP = 0.001
 """Period of the position servos [s]."""
 
@@ -69,7 +65,8 @@ class World:
         self.pretty = pretty
         self._size = (height, width)
         spec = mujoco.MjSpec()
-        _decorate(spec, scene, pretty, width, height)
+        self._floor = SCENES[scene]
+        decorate(spec, TABLE_HEIGHT if scene == "table" else None, pretty, width, height)
         frame = spec.worldbody.add_frame(pos=robot.mount.tolist())
         arm = robot.spec()
         for geom in arm.geoms:
@@ -83,9 +80,9 @@ class World:
         moving = self.model.geom_bodyid > 0
         # an arm without a visual body is drawn by its capsules
         self._show_capsules = not bool(np.any(self.model.geom_group[moving] != COLLISION_GROUP))
+        self._arm = np.flatnonzero(moving & (self.model.geom_group == COLLISION_GROUP))
         self._renderer: mujoco.Renderer | None = None
-        self._window = None
-        self._window_threads: set[threading.Thread] = set()
+        self._window: Window | None = None
         self.camera = mujoco.MjvCamera()
         self.camera.azimuth, self.camera.elevation, self.camera.distance = 98.0, -10.0, 3.1
         self.camera.lookat[:] = robot.mount + np.array([0.5, 0.0, 0.27])
@@ -93,7 +90,7 @@ class World:
     def __getstate__(self) -> dict[str, Any]:
         """The simulated arm as it is; renderer and window stay here, a copy opens its own."""
         camera = {name: np.array(getattr(self.camera, name)) for name in _CAMERA}
-        none = {"_mujoco": None, "model": None, "_renderer": None, "_window": None, "_window_threads": set()}
+        none = {"_mujoco": None, "model": None, "_renderer": None, "_window": None}
         return {**self.__dict__, **none, "camera": camera}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -111,23 +108,19 @@ class World:
         self._mujoco.mj_kinematics(self.model, self.data)
         self._mujoco.mj_camlight(self.model, self.data)
 
-    def picture(
-        self,
-        position: Array,
-        humans: CapsuleSet,
-        *,
-        pair: tuple[Array, Array] | None = None,
-        goal: Array | None = None,
-        capsules: bool = False,
-    ) -> NDArray[np.uint8]:
+    def look_from(self, camera: Camera) -> None:
+        """Choose where pictures are taken from, and the window begins."""
+        for name in ("azimuth", "elevation", "distance"):
+            setattr(self.camera, name, getattr(camera, name))
+        self.camera.lookat[:] = camera.lookat
+
+    def picture(self, position: Array, humans: CapsuleSet, marks: Marks = Marks()) -> NDArray[np.uint8]:  # noqa: B008
         """Draw a moment, shape (height, width, 3).
 
         Args:
             position: Joint position, shape (n,) [rad].
             humans: People.
-            pair: The two ends of the critical point pair [m], drawn as a line.
-            goal: A point to mark [m].
-            capsules: Whether the arm's capsules are drawn over what it draws.
+            marks: What else is drawn.
 
         Raises:
             DisplayError: There is no OpenGL, or it belongs to another thread.
@@ -136,13 +129,11 @@ class World:
         if self._renderer is None:
             self._renderer = open_renderer(self.model, *self._size)
         self.pose(position)
-        option = mujoco.MjvOption()
-        option.geomgroup[COLLISION_GROUP] = self._show_capsules or capsules
-        self._renderer.update_scene(self.data, camera=self.camera, scene_option=option)
+        self._renderer.update_scene(self.data, camera=self.camera, scene_option=self._option(marks))
         scene = self._renderer.scene
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self.pretty
         scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
-        self._draw(scene, humans, pair, goal)
+        add_to(scene, self._solids(humans, marks))
         try:
             return self._renderer.render()
         except Exception as error:  # every backend has errors of its own
@@ -151,83 +142,37 @@ class World:
                 f"first one ({' '.join(str(error).split())})"
             ) from error
 
-    def show(
-        self,
-        position: Array,
-        humans: CapsuleSet,
-        *,
-        pair: tuple[Array, Array] | None = None,
-        goal: Array | None = None,
-    ) -> None:
-        """Draw a moment in a window; arguments as of :meth:`picture`.
+    def show(self, position: Array, humans: CapsuleSet, marks: Marks, period: float) -> None:
+        """Draw a moment in a window, which opens with the first and keeps to real time.
+
+        Args:
+            position, humans, marks: As of :meth:`picture`.
+            period: Time between moments [s].
 
         Raises:
             DisplayError: There is no display.
         """
         if self._window is None:
-            if not has_display():
-                raise DisplayError("no display for a window; use render_mode='rgb_array'")
-            import mujoco.viewer
-
-            others = set(threading.enumerate())
-            self._window = mujoco.viewer.launch_passive(self.model, self.data, show_left_ui=False, show_right_ui=False)
-            self._window_threads = set(threading.enumerate()) - others
-            self._window.opt.geomgroup[COLLISION_GROUP] = self._show_capsules
-            with self._window.lock():
-                for name in ("azimuth", "elevation", "distance"):
-                    setattr(self._window.cam, name, getattr(self.camera, name))
-                self._window.cam.lookat[:] = self.camera.lookat
-        with self._window.lock():
+            self._window = Window(self.model, self.camera, *reversed(self._size))
+        if self._window.is_open:
             self.pose(position)
-            self._window.user_scn.ngeom = 0
-            self._draw(self._window.user_scn, humans, pair, goal)
-        self._window.sync()
+            self._window.show(self.data, self._option(marks), self._solids(humans, marks), period)
 
-    def _draw(
-        self,
-        scene: "mujoco.MjvScene",
-        humans: CapsuleSet,
-        pair: tuple[Array, Array] | None,
-        goal: Array | None,
-    ) -> None:
-        capsule = self._mujoco.mjtGeom.mjGEOM_CAPSULE
-        for i, name in enumerate(humans.names):
-            colour = _CLOTHES.get(name, (0.5, 0.5, 0.55, 1.0))
-            self._connect(scene, capsule, humans.start[i], humans.end[i], humans.radius[i], colour)
-        if pair is not None:
-            self._connect(scene, capsule, pair[0], pair[1], 0.006, (0.9, 0.1, 0.1, 1.0))
-            for end in pair:
-                self._connect(scene, capsule, end, end, 0.016, (0.9, 0.1, 0.1, 1.0))
-        if goal is not None:
-            self._connect(scene, capsule, goal, goal, 0.02, (0.1, 0.7, 0.3, 0.9))
+    def _option(self, marks: Marks) -> "mujoco.MjvOption":
+        option = self._mujoco.MjvOption()
+        option.geomgroup[COLLISION_GROUP] = self._show_capsules or marks.capsules
+        return option
 
-    def _connect(
-        self,
-        scene: "mujoco.MjvScene",
-        kind: "mujoco.mjtGeom",
-        start: Array,
-        end: Array,
-        radius: float,
-        colour: tuple[float, float, float, float],
-    ) -> None:
-        """Add a capsule, or a sphere where both ends are one point."""
-        mujoco = self._mujoco
-        if scene.ngeom >= scene.maxgeom:
-            return
-        geom = scene.geoms[scene.ngeom]
-        point = bool(np.allclose(start, end))
-        sphere = mujoco.mjtGeom.mjGEOM_SPHERE
-        mujoco.mjv_initGeom(
-            geom,
-            sphere if point else kind,
-            np.full(3, radius),
-            np.array(start, float),
-            np.eye(3).ravel(),
-            np.array(colour, np.float32),
-        )
-        if not point:
-            mujoco.mjv_connector(geom, kind, radius, np.array(start, float), np.array(end, float))
-        scene.ngeom += 1
+    def _solids(self, humans: CapsuleSet, marks: Marks) -> list[Solid]:
+        camera = self.camera
+        seen = Camera(camera.azimuth, camera.elevation, camera.distance, camera.lookat.copy())
+        return solids(seen, self._arm_points(), humans, marks, self._floor)
+
+    def _arm_points(self) -> Array:
+        """Middles and ends of the arm's capsules, shape (3 k, 3) [m]."""
+        middle, along = self.data.geom_xpos[self._arm], self.data.geom_xmat[self._arm].reshape(-1, 3, 3)[:, :, 2]
+        half = self.model.geom_size[self._arm, 1:2] * along
+        return np.vstack([middle - half, middle, middle + half])
 
     def servo_gains(self) -> Array:
         """Ratio of velocity to position gain of each joint's position servo, shape (n,) [s].
@@ -295,58 +240,3 @@ class World:
         if self._window is not None:
             self._window.close()
             self._window = None
-            # the window's own thread must be gone before the interpreter is, or it takes it down
-            for thread in self._window_threads:
-                thread.join(timeout=5.0)
-
-
-def _decorate(spec: "mujoco.MjSpec", scene: str, pretty: bool, width: int, height: int) -> None:
-    """Floor, table, lights, background: nothing of it collides."""
-    import mujoco
-
-    visual = spec.visual
-    visual.global_.offwidth, visual.global_.offheight, visual.global_.fovy = width, height, 38.0
-    visual.quality.shadowsize = 2048 if pretty else 0
-    visual.quality.offsamples = 4 if pretty else 0
-    visual.map.shadowclip, visual.map.shadowscale = 2.0, 0.9
-    visual.map.znear, visual.map.zfar = 0.02, 40.0
-    visual.rgba.haze = [0.74, 0.78, 0.82, 1.0]
-    visual.headlight.ambient = [0.40, 0.40, 0.42]
-    visual.headlight.diffuse = [0.25, 0.25, 0.25]
-    visual.headlight.specular = [0.2, 0.2, 0.2]
-    spec.stat.extent, spec.stat.center = 1.5, [0.4, 0.0, 1.0]
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.93, 0.95, 0.97],
-        rgb2=[0.62, 0.67, 0.73],
-        width=256,
-        height=1536,
-    )
-    spec.add_material(name="floor", rgba=[0.60, 0.62, 0.65, 1.0], specular=0.1, shininess=0.2)
-    spec.add_material(name="table_top", rgba=[0.70, 0.71, 0.73, 1.0], specular=0.05, shininess=0.3)
-    spec.add_material(name="table_body", rgba=[0.32, 0.34, 0.37, 1.0], specular=0.05, shininess=0.3)
-    world = spec.worldbody
-    for position, direction, diffuse, specular, casts in (
-        ([1.5, -1.6, 3.6], [-0.42, 0.45, -1.0], 0.50, 0.6, True),
-        ([-1.5, -1.5, 2.5], [0.8, 0.75, -0.45], 0.22, 0.15, False),
-        ([0.0, 2.0, 2.5], [0.1, -1.0, -0.35], 0.22, 0.25, False),
-    ):
-        world.add_light(
-            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            pos=position,
-            dir=direction,
-            diffuse=[diffuse] * 3,
-            specular=[specular] * 3,
-            ambient=[0.0] * 3,
-            castshadow=casts,
-        )
-
-    def box(size: list[float], pos: list[float], material: str) -> None:
-        world.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=pos, material=material, contype=0, conaffinity=0)
-
-    world.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], material="floor", contype=0, conaffinity=0)
-    if scene == "table":
-        box([0.34, 0.40, 0.02], [0.03, 0.0, TABLE_HEIGHT - 0.02], "table_top")
-        box([0.30, 0.36, (TABLE_HEIGHT - 0.04) / 2.0], [0.03, 0.0, (TABLE_HEIGHT - 0.04) / 2.0], "table_body")

@@ -12,9 +12,11 @@ import numpy as np
 from jssa_gym.evaluation.leaderboard import (
     PAIRED_MEANS,
     PAIRED_RATES,
+    RATE_COLUMNS,
     UNFILTERED,
     Standing,
     columns,
+    policy_standings,
     profile,
     slowdown_beside_people,
     standings,
@@ -25,20 +27,23 @@ from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
 from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.svg import Markup, Panel, colour, dashes, marker, tag
+from jssa_gym.evaluation.wording import in_words
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
 
 _STYLE = """
 :root { color-scheme: light; }
-body { font: 15px/1.45 system-ui, sans-serif; color: #1d2125; background: #fff; margin: 2rem auto; max-width: 1500px;
+body { font: 15px/1.45 system-ui, sans-serif; color: #1d2125; background: #fff; margin: 2rem auto; max-width: 1260px;
   padding: 0 1rem; }
 h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
 p.note { color: #4a5157; max-width: 75ch; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .88rem; }
-th, td { padding: .3rem .7rem; text-align: right; border-bottom: 1px solid #e3e6e8; white-space: nowrap; }
+th, td { padding: .3rem .55rem; text-align: right; border-bottom: 1px solid #e3e6e8; vertical-align: top; }
+td.text { white-space: nowrap; } tbody tr:nth-child(even) { background: #f8f9fa; }
 th { font-weight: 600; vertical-align: bottom; } th:first-child, td:first-child, td.text, th.text { text-align: left; }
 td.text.long { white-space: normal; }
+h3 { font-size: 1rem; margin: 1.2rem 0 .3rem; }
 figure { display: inline-block; margin: .5rem 1rem .5rem 0; vertical-align: top; } figcaption { max-width: 460px;
   color: #4a5157; font-size: .88rem; }
 svg .grid { stroke: #e3e6e8; } svg .label { font: 11px system-ui, sans-serif; fill: #4a5157; }
@@ -52,6 +57,11 @@ _BOXES = (
     *("jerk_jumps_shield", "status_switches", "jerk_rms"),
 )
 """What distributions are drawn of."""
+
+_RANKED = ("success_and_safe", "moving_contact")
+"""Of what policies are compared in pairs."""
+
+_PAIRED = tuple(f"{name}_rate" for name in PAIRED_RATES)
 
 _TIMES = (
     f"The median time to the goal is over the episodes in which it was reached. Its ratio to {UNFILTERED} compares "
@@ -88,11 +98,12 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
     about = " ".join(f"{what}: {', '.join(names)}." for what, names in tried)
     keys = _keys(number)
     sections = {
-        "Over everything": [keys, _leaderboard(ranked), _note(_TIMES), *_paired(ranked)],
+        "Over everything": [keys, *_leaderboard(ranked, len(study.policies)), _note(_TIMES), *_paired(ranked)],
+        **({"Policies": _policies(reports)} if len(study.policies) > 1 else {}),
         "Safety against getting there": [keys, *_tradeoff(ranked, number)],
         "Performance profiles": [keys, *_profiles(ranked, number)],
         "Distributions": [*_boxes(ranked, number), _note("Least, quartiles and largest over all episodes.")],
-        "Setting by setting": [_settings(reports)],
+        "Setting by setting": _settings(reports),
         "Worst episodes": _worst(reports, folder),
         "What the numbers are": _definitions(study.v_safe, study.separation),
         "All numbers": [_everything(report) for report in reports],
@@ -135,9 +146,42 @@ def _figure(panel: Panel, *caption: str) -> Markup:
     return tag("figure", panel.drawn(), *(tag("figcaption", text) for text in caption))
 
 
-def _leaderboard(ranked: Sequence[Standing]) -> Markup:
+def _leaderboard(ranked: Sequence[Standing], policies: int) -> list[Markup]:
     rows = [[one.filter, len(one.pooled.episodes), *columns(one.pooled, one.slowdown)] for one in ranked]
-    return _table(["filter", "episodes", *titles()], rows)
+    pools = f"Each row pools {policies} policies, which are ranked below."
+    return [*([_note(pools)] if policies > 1 else []), *_in_two(["filter", "episodes"], rows, text=1)]
+
+
+def _in_two(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: int) -> list[Markup]:
+    """Rows that begin with ``heads`` and go on with :func:`columns`, as two tables that fit a page."""
+    first, cut = len(heads), len(heads) + RATE_COLUMNS
+    return [
+        tag("h3", "How often"),
+        _table([*heads, *titles()[:RATE_COLUMNS]], [row[:cut] for row in rows], text),
+        tag("h3", "How near, how smoothly, how fast"),
+        _table([*heads, *titles()[RATE_COLUMNS:]], [[*row[:first], *row[cut:]] for row in rows], text),
+    ]
+
+
+def _policies(reports: Sequence[Report]) -> list[Markup]:
+    """A ranking of the policies under each filter."""
+    rows, strangers = [], False
+    for name, ranked in policy_standings(reports).items():
+        for one in ranked:
+            rates, count = one.pooled.rates, len(one.pooled.episodes)
+            compared = [_difference(one.rates[of]) if one.rates else "-" for of in _RANKED]
+            pairs = "best" if one.rank == 1 else f"{one.paired} of {count}" if one.paired else "none: other seeds"
+            strangers = strangers or (one.rank > 1 and one.paired < count)
+            shown = [str(rates[f"{of}_rate"]) for of in ("success_and_safe", "success", "collision", "moving_contact")]
+            rows.append([name, one.policy, one.rank, count, *shown, pairs, *compared])
+    named = [in_words(f"{of}_rate") for of in ("success_and_safe", "success", "collision", "moving_contact")]
+    minus = [f"{in_words(f'{of}_rate')}, minus the best" for of in _RANKED]
+    unpaired = (
+        "Where pairs are missing, a policy met other people, goals and draws than the best one: their rates can be "
+        "compared by their own intervals only. --pair-policies gives all policies the same seeds."
+    )
+    titles = ["filter", "policy", "rank", "episodes", *named, "pairs with the best", *minus]
+    return [_table(titles, rows, text=2), _note(unpaired if strangers else "All policies met the same seeds.")]
 
 
 def _paired(ranked: Sequence[Standing]) -> list[Markup]:
@@ -146,11 +190,11 @@ def _paired(ranked: Sequence[Standing]) -> list[Markup]:
         return []
     (first,) = (one.filter for one in ranked if not one.rates)
     rows = [
-        [
+        (
             one.filter,
-            *(_difference(one.rates[name]) for name in PAIRED_RATES),
-            *(_shift(one.means.get(name)) for name in PAIRED_MEANS),
-        ]
+            [_difference(one.rates[name]) for name in PAIRED_RATES],
+            [_shift(one.means.get(name)) for name in PAIRED_MEANS],
+        )
         for one in others
     ]
     note = (
@@ -159,7 +203,8 @@ def _paired(ranked: Sequence[Standing]) -> list[Markup]:
     )
     return [
         tag("h2", f"Minus {first}, on the same episodes"),
-        _table(["filter", *(f"{name}_rate" for name in PAIRED_RATES), *PAIRED_MEANS], rows),
+        _table(["filter", *map(in_words, _PAIRED)], [[name, *rates] for name, rates, _ in rows]),
+        _table(["filter", *map(in_words, PAIRED_MEANS)], [[name, *means] for name, _, means in rows]),
         _note(note),
     ]
 
@@ -200,7 +245,7 @@ def _profile(ranked: Sequence[Standing], number: dict[str, int], name: str, what
     if not len(finite):
         return Markup()
     thresholds = np.linspace(finite.min(), finite.max(), 80)
-    panel = Panel((thresholds[0], thresholds[-1]), (0.0, 1.0), f"{name} [{what}]", "share of episodes ≥ x")
+    panel = Panel((thresholds[0], thresholds[-1]), (0.0, 1.0), in_words(name, what), "share of episodes ≥ x")
     for of, x in values.items():
         share, count = profile(x, thresholds), len(x)
         bounds = np.array([clopper_pearson(round(s * count), count) for s in share])
@@ -222,7 +267,7 @@ def _boxes(ranked: Sequence[Standing], number: dict[str, int]) -> list[Markup]:
             continue
         ends = (min(q[0] for q in quantiles.values()), max(q[-1] for q in quantiles.values()))
         names = [one.filter for one in ranked]
-        title = f"{name} [{units[name]}]" if units[name] else name
+        title = in_words(name, units[name])
         panel = Panel(ends, (len(names) - 0.5, -0.5), title, "", names=names, height=58.0 + 24.0 * len(names))
         for row, of in enumerate(names):
             if of in quantiles:
@@ -232,13 +277,13 @@ def _boxes(ranked: Sequence[Standing], number: dict[str, int]) -> list[Markup]:
     return figures
 
 
-def _settings(reports: Sequence[Report]) -> Markup:
+def _settings(reports: Sequence[Report]) -> list[Markup]:
     unfiltered = {report.setting: report for report in reports if report.setting.filter == UNFILTERED}
     rows = []
     for report in reports:
         other = unfiltered.get(report.setting._replace(filter=UNFILTERED))
         rows.append([*report.setting, *columns(report, slowdown_beside_people(report, other))])
-    return _table(["task", "filter", "people", "policy", *titles()], rows, text=4)
+    return _in_two(["task", "filter", "people", "policy"], rows, text=4)
 
 
 def _worst(reports: Sequence[Report], folder: Path) -> list[Markup]:
@@ -272,19 +317,16 @@ def _definitions(v_safe: float, separation: SeparationParams) -> list[Markup]:
         "S_s are those of the jerk-limited stop. Decision times are those of the machine that ran this, and of "
         "all that ran beside it."
     )
-    rows = [[metric.name, metric.unit, metric.text] for metric in METRICS]
-    table = _table(["metric", "unit", "definition"], rows, text=3, kind="text long")
+    rows = [[in_words(metric.over_episodes), metric.name, metric.unit, metric.text] for metric in METRICS]
+    table = _table(["metric", "in files", "unit", "definition"], rows, text=4, kind="text long")
     return [_note(stated), tag("details", tag("summary", "All metrics"), table)]
 
 
 def _everything(report: Report) -> Markup:
     units = {metric.over_episodes: metric.unit for metric in METRICS}
     rows = [
-        *([name, rate, "", "", "", rate.n] for name, rate in report.rates.items()),
-        *(
-            [f"{name} [{units[name]}]" if units[name] else name, mean, *_ends(mean), mean.n]
-            for name, mean in report.means.items()
-        ),
+        *([in_words(name), rate, "", "", "", rate.n] for name, rate in report.rates.items()),
+        *([in_words(name, units[name]), mean, *_ends(mean), mean.n] for name, mean in report.means.items()),
     ]
     titles = ["", "rate or mean", "least", "5th percentile", "largest", "episodes"]
     return tag("details", tag("summary", ", ".join(report.setting)), _table(titles, rows))

@@ -1,6 +1,6 @@
 """Filters side by side: pooled over everything else, and in pairs on the same seeds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.rows import EvaluationRow, Setting
 from jssa_gym.evaluation.slowdown import Slowdown
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, Rate, mean_difference, paired_difference, short
+from jssa_gym.evaluation.wording import in_words
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.types import Array
 
@@ -48,6 +49,54 @@ class Standing:
     """Of :data:`PAIRED_MEANS`, likewise."""
     slowdown: Slowdown | None
     """Against :data:`UNFILTERED`, see :func:`slowdown_beside_people`."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyStanding:
+    """One policy under one filter, over all tasks and people."""
+
+    rank: int
+    """Among the policies under that filter, from 1 on."""
+    pooled: Report
+    paired: int
+    """Episodes that it shares with the best one: the same task, people and seed."""
+    rates: dict[str, PairedDifference]
+    """Of :data:`PAIRED_RATES`: this policy minus the best, on the shared episodes; empty without any."""
+
+    @property
+    def policy(self) -> str:
+        """Its name."""
+        return self.pooled.setting.policy
+
+
+def policy_standings(reports: Sequence[Report]) -> dict[str, list[PolicyStanding]]:
+    """Policies under each filter, the best first, by the order of :func:`standings`.
+
+    Policies that had other seeds than the best one are ranked by their own rates, and not compared in pairs.
+
+    Args:
+        reports: A report a setting.
+    """
+    found: dict[str, list[PolicyStanding]] = {}
+    for name in dict.fromkeys(report.setting.filter for report in reports):
+        episodes: dict[str, list[EvaluationRow]] = {}
+        for report in reports:
+            if report.setting.filter == name:
+                episodes.setdefault(report.setting.policy, []).extend(report.episodes)
+        pooled = sorted((Report.of(some, Setting("", name, "", who)) for who, some in episodes.items()), key=_merit)
+        best = {_occasion(one): one for one in pooled[0].episodes}
+        found[name] = [_beside(rank, report, best) for rank, report in enumerate(pooled, 1)]
+    return found
+
+
+def _beside(rank: int, report: Report, best: Mapping[tuple[str, str, int], EvaluationRow]) -> PolicyStanding:
+    """A policy's standing against the best one's episodes."""
+    shared = [(one, best[_occasion(one)]) for one in report.episodes if _occasion(one) in best]
+    if rank == 1 or not shared:
+        return PolicyStanding(rank, report, len(shared), {})
+    own, theirs = zip(*shared, strict=True)
+    differences = {name: paired_difference(column(own, name), column(theirs, name)) for name in PAIRED_RATES}
+    return PolicyStanding(rank, report, len(shared), differences)
 
 
 def standings(reports: Sequence[Report]) -> list[Standing]:
@@ -119,11 +168,15 @@ def median_time_to_goal(report: Report) -> float | None:
     return float(np.median(known)) if len(known) else None
 
 
+RATE_COLUMNS = len(_RATES)
+"""So many of :func:`columns` are rates; what follows is how the arm moves, and for how long."""
+
+
 def titles() -> list[str]:
-    """Of :func:`columns`, with units."""
+    """Of :func:`columns`, in words, with units."""
     units = {metric.over_episodes: metric.unit for metric in METRICS}
-    named = [name + (f" [{units[name]}]" if units[name] else "") for name in (*_RATES, *_MEANS)]
-    return [*named, "median time_to_goal [s]", f"its ratio to {UNFILTERED}"]
+    named = [in_words(name, units[name]) for name in (*_RATES, *_MEANS)]
+    return [*named, "median time to the goal [s]", f"its ratio to {UNFILTERED}"]
 
 
 def columns(report: Report, slowdown: Slowdown | None) -> list[Rate | Mean | str]:
@@ -142,9 +195,18 @@ def _timed(report: Report) -> list[EvaluationRow]:
     return [one for one in report.episodes if one.task not in TASKS or TASKS[one.task].ends]
 
 
-def _rank(one: Standing) -> tuple[int, int, int]:
-    rates = one.pooled.rates
-    return -rates["success_and_safe_rate"].k, rates["moving_contact_rate"].k, rates["collision_rate"].k
+def _rank(one: Standing) -> tuple[float, float, float]:
+    return _merit(one.pooled)
+
+
+def _merit(report: Report) -> tuple[float, float, float]:
+    """Less is better."""
+    rates = report.rates
+    return -rates["success_and_safe_rate"].value, rates["moving_contact_rate"].value, rates["collision_rate"].value
+
+
+def _occasion(episode: EvaluationRow) -> tuple[str, str, int]:
+    return episode.task, episode.human, episode.seed
 
 
 def _trial(episode: EvaluationRow) -> tuple[str, str, str, int]:

@@ -1,7 +1,7 @@
 """What is played: cells, which are kinds of episodes, the seeds of each, and how an episode is made and measured."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium as gym
@@ -101,17 +101,21 @@ def episodes_of_a_cell(count: Any) -> int:
     return count
 
 
-def paired_seeds(wanted: Iterable[tuple[AnyCell, int]], seed: int) -> dict[AnyCell, list[int]]:
-    """Seeds of every cell: the same for cells that differ in the filter alone, others for others.
+def paired_seeds(
+    wanted: Iterable[tuple[AnyCell, int]], seed: int, paired: Sequence[str] = ("filter",)
+) -> dict[AnyCell, list[int]]:
+    """Seeds of every cell: the same for cells that differ in nothing but ``paired``, others for others.
 
     Args:
         wanted: Cells, each with its number of episodes, at most :data:`SPACING`.
         seed: The first one.
+        paired: Fields of a cell.
     """
+    alike: dict[str, Any] = dict.fromkeys(paired, "")
     first: dict[Setting | Cell, int] = {}
     seeds: dict[AnyCell, list[int]] = {}
     for cell, episodes in wanted:
-        start = first.setdefault(cell._replace(filter=""), seed + SPACING * len(first))
+        start = first.setdefault(cell._replace(**alike), seed + SPACING * len(first))
         if episodes > len(seeds.get(cell, ())):
             seeds[cell] = list(range(start, start + episodes))
     return seeds

@@ -105,6 +105,8 @@ class Study(Evaluation):
     """Of policies that are files; see :func:`~jssa_gym.policies.load_policy`."""
     robot: str = DEFAULT
     """Name of a robot, or its file or prepared folder."""
+    pair_policies: bool = False
+    """Whether policies have the same seeds too, so that they can be compared in pairs."""
     code: tuple[tuple[str, str], ...] = field(init=False, repr=False)
     """Names of policies, and digests of the files that hold or define them, when the study was made."""
 
@@ -125,14 +127,18 @@ class Study(Evaluation):
         object.__setattr__(self, "code", _codes(self.policies))
 
     def seeds(self) -> dict[Setting, list[int]]:
-        """Seeds of every setting: the same for all filters, others for everything else."""
+        """Seeds of every setting: the same for all filters, and policies if asked for, others for everything else."""
         names = product(self.tasks, self.humans, self.policies, self.filters)
-        return paired_seeds(((Setting(t, f, h, p), self.episodes) for t, h, p, f in names), self.seed)
+        paired = ("filter", "policy") if self.pair_policies else ("filter",)
+        return paired_seeds(((Setting(t, f, h, p), self.episodes) for t, h, p, f in names), self.seed, paired)
 
     def config(self) -> dict[str, Any]:
         files = people_digests(self.humans)
         people = {"people": files} if files else {}
-        return {**without_default(asdict(self)), "code": dict(_codes(self.policies)), **people}
+        own = asdict(self)
+        if not self.pair_policies:
+            del own["pair_policies"]  # what was begun before there was a choice is the same as ever
+        return {**without_default(own), "code": dict(_codes(self.policies)), **people}
 
     def origin(self, cell: Setting, seed: int, digest: str) -> dict[str, Any]:
         return without_default({**Evaluation.origin(self, cell, seed, digest), "robot": self.robot})

@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from jssa_gym.palette import COLOURS
 from jssa_gym.text import printable
 from jssa_gym.types import Array
-
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7f7f7f", "#000000")
-"""Okabe and Ito's palette, told apart by colour-blind people."""
 
 _Ends = Sequence[float] | Array
 

@@ -1,18 +1,23 @@
 """Figures and films; they need the extra ``plots``."""
 
-from jssa_gym.plots.backend import require, write_png
+from jssa_gym.plots.backend import require, write_film, write_png
 from jssa_gym.plots.campaigns import Curve, degradation
-from jssa_gym.plots.episodes import gauge, label, profile, ribbon, write_film
+from jssa_gym.plots.captions import Caption, footer, heading, label
+from jssa_gym.plots.episodes import profile
 from jssa_gym.plots.handover import handovers
 from jssa_gym.plots.lambda_map import lambda_map
 from jssa_gym.plots.portrait import portraits, shifts
 from jssa_gym.plots.sensitivity import sensitivity
+from jssa_gym.plots.strips import gauge, ribbon
 
 __all__ = [
+    "Caption",
     "Curve",
     "degradation",
+    "footer",
     "gauge",
     "handovers",
+    "heading",
     "label",
     "lambda_map",
     "portraits",

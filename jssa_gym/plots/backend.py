@@ -1,17 +1,16 @@
-"""matplotlib and PyAV, which come with the extra ``plots``; colours for all figures."""
+"""matplotlib and PyAV, which come with the extra ``plots``: whether they are there, and files of pixels."""
 
 import importlib.util
-from typing import IO, BinaryIO, cast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import MissingExtraError
-
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#999999", "#000000")
-"""Okabe and Ito's palette, told apart by colour-blind people."""
-
-INSTALL = "pip install 'jssa-gym[plots]', or pip install -e '.[plots]' in a clone"
+from jssa_gym.plots.style import INSTALL, draw_without_display
+from jssa_gym.storage import whole_file
 
 
 def require(film: bool = False) -> None:
@@ -25,19 +24,6 @@ def require(film: bool = False) -> None:
             raise MissingExtraError(f"{what} need the extra 'plots': {INSTALL}")
 
 
-def draw_without_display() -> None:
-    """Choose matplotlib's backend that needs no display, unless the user has chosen one.
-
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-    """
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise MissingExtraError(f"figures need the extra 'plots': {INSTALL}") from error
-    matplotlib.use("agg", force=False)
-
-
 def write_png(file: IO[bytes], pixels: NDArray[np.uint8]) -> None:
     """Write a picture of shape (height, width, 3).
 
@@ -48,3 +34,32 @@ def write_png(file: IO[bytes], pixels: NDArray[np.uint8]) -> None:
     from matplotlib.image import imsave
 
     imsave(cast(BinaryIO, file), pixels, format="png")
+
+
+def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int) -> None:
+    """Write frames as H.264 into an MP4; the file appears when it is complete.
+
+    Args:
+        path: The file.
+        frames: Pictures of one shape with even sides, (height, width, 3).
+        rate: Frames a second.
+
+    Raises:
+        MissingExtraError: PyAV is not installed.
+        StorageError: The file cannot be written.
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise MissingExtraError(f"films need the extra 'plots': {INSTALL}") from error
+    with whole_file(Path(path)) as file, av.open(file, "w", format="mp4") as container:
+        stream: Any = container.add_stream("h264", rate=rate)
+        stream.pix_fmt = "yuv420p"
+        stream.options = {"crf": "22", "preset": "fast"}
+        for k, picture in enumerate(frames):
+            if k == 0:
+                stream.height, stream.width = picture.shape[:2]
+            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)

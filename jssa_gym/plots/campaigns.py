@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from jssa_gym.plots.backend import draw_without_display
+from jssa_gym.palette import BLUE, RED
+from jssa_gym.plots.style import styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,6 +23,7 @@ class Curve(NamedTuple):
     """Largest contact speed [m/s]."""
 
 
+@styled
 def degradation(fast: Curve, late: Curve) -> "Figure":
     """What happens as people become faster, and measurements older, than a shield assumes.
 
@@ -32,16 +34,15 @@ def degradation(fast: Curve, late: Curve) -> "Figure":
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    draw_without_display()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 6.0), layout="constrained")
     axes = figure.subplots(2, 2, sharex="col", sharey="row")
     titles = ("speed of people / speed assumed", "latency that nobody reports [ms]")
     for (rate, speed), curve, title in zip(axes.T, (fast, late), titles, strict=True):
-        rate.fill_between(curve.level, curve.low, curve.high, color="#0072B2", alpha=0.2, linewidth=0.0)
-        rate.plot(curve.level, curve.rate, color="#0072B2", marker="o")
-        speed.plot(curve.level, curve.speed, color="#D55E00", marker="o")
+        rate.fill_between(curve.level, curve.low, curve.high, color=BLUE, alpha=0.2, linewidth=0.0)
+        rate.plot(curve.level, curve.rate, color=BLUE, marker="o")
+        speed.plot(curve.level, curve.speed, color=RED, marker="o")
         speed.set_xlabel(title)
     axes[0, 0].set_ylabel("episodes with a\nmoving contact")
     axes[1, 0].set_ylabel("fastest contact [m/s]")

@@ -1,26 +1,25 @@
 """Figures and films of recorded episodes."""
 
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.exceptions import MissingExtraError
-from jssa_gym.plots.backend import COLOURS, INSTALL, draw_without_display
+from jssa_gym.palette import BLACK, BLUE, COLOURS, ORANGE, RED
+from jssa_gym.plots.style import legend_beside, styled
 from jssa_gym.robots import JointLimits
-from jssa_gym.storage import whole_file
 from jssa_gym.text import printable
-from jssa_gym.types import Array, Trace
+from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_RGB = [tuple(bytes.fromhex(colour[1:])) for colour in COLOURS if colour != "#000000"]
-"""Colours to be seen on dark ground."""
+_SHADE = 0.18
+"""How opaque the shading is of times in which a shield was active."""
 
 
+@styled
 def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figure":
     """The five panels of the paper's Fig. 6, a column a trace.
 
@@ -35,10 +34,9 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    draw_without_display()
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.2 * len(traces), 11.0), layout="constrained")
+    figure = Figure(figsize=(4.6 * len(traces) + 1.4, 10.0), layout="constrained")
     axes = figure.subplots(5, len(traces), sharex=True, sharey="row", squeeze=False)
     for column, trace in zip(axes.T, traces, strict=True):
         _column(column, trace, limits, d_min)
@@ -53,32 +51,29 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
         largest = max(np.nanmax(np.abs(getattr(trace, field)), initial=0.0) for trace in traces)
         bound = min(max(1.1 * largest, 0.1), most)
         axes[row, 0].set_ylim(-bound, bound)
+    for row in (0, 3, 4):
+        legend_beside(axes[row, -1])
     return figure
 
 
 def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float) -> None:
     time = trace.time
     axes[0].set_title(printable(trace.name), parse_math=False)
-    axes[0].plot(time, trace.distance, color="black")
-    axes[0].axhline(d_min, color="#D55E00", linestyle="--", linewidth=1.0, label=f"d_min = {d_min} m")
-    axes[0].axhline(0.0, color="#D55E00", linewidth=1.0, label="contact")
-    axes[0].legend(loc="upper right", fontsize="small")
-    axes[1].plot(time, trace.speed, color="black")
-    axes[2].plot(time, trace.acceleration_of_distance, color="black", linewidth=0.8)
-    axes[3].step(time, trace.pair[:, 0] + 1, where="post", color="#0072B2", label="robot")
-    axes[3].step(time, trace.pair[:, 1] + 1, where="post", color="#D55E00", linestyle=":", label="human")
+    axes[0].plot(time, trace.distance, color=BLACK)
+    axes[0].axhline(d_min, color=RED, linestyle="--", linewidth=1.0, label=f"$d_{{min}}$ = {d_min} m")
+    axes[0].axhline(0.0, color=RED, linewidth=1.0, label="contact")
+    axes[0].axvspan(np.nan, np.nan, color=ORANGE, alpha=_SHADE, label="shield active")
+    axes[1].plot(time, trace.speed, color=BLACK)
+    axes[2].plot(time, trace.acceleration_of_distance, color=BLACK, linewidth=0.9)
+    axes[3].step(time, trace.pair[:, 0] + 1, where="post", color=BLUE, label="robot")
+    axes[3].step(time, trace.pair[:, 1] + 1, where="post", color=RED, linestyle=":", label="human")
     axes[3].set_yticks(range(1, 7))
-    axes[3].legend(loc="upper right", fontsize="small")
     share = trace.jerk / limits.jerk
     for j in range(share.shape[1]):
         colour = COLOURS[j % len(COLOURS)]
         axes[4].plot(time, share[:, j], color=colour, linewidth=0.8, label=f"J{j + 1}")
     axes[4].set_ylim(-1.1, 1.1)
-    axes[4].legend(loc="upper right", fontsize="x-small", ncols=3)
     axes[4].set_xlabel("time [s]")
-    if trace.intervened.any():
-        axes[0].axvspan(np.nan, np.nan, color="#E69F00", alpha=0.18, label="shield active")
-        axes[0].legend(loc="upper right", fontsize="small")
     shade(axes, trace)
 
 
@@ -86,88 +81,9 @@ def shade(panels: Sequence[Any], trace: Trace) -> None:
     """Mark when an episode's shield was active, on every panel."""
     for start, end in _spans(trace.intervened):
         for panel in panels:
-            panel.axvspan(trace.time[start] - trace.dt, trace.time[end - 1], color="#E69F00", alpha=0.18, linewidth=0.0)
+            panel.axvspan(trace.time[start] - trace.dt, trace.time[end - 1], color=ORANGE, alpha=_SHADE, linewidth=0.0)
 
 
 def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(active.astype(int), prepend=0, append=0))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
-def label(text: str, width: int, height: int = 30) -> NDArray[np.uint8]:
-    """A dark strip with a line of text, shape (height, width, 3)."""
-    draw_without_display()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100, facecolor="#22262b")
-    figure.text(0.03, 0.5, printable(text), color="white", fontsize=11, va="center", parse_math=False)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[:height, :width, :3].copy()
-
-
-def gauge(
-    distance: float, d_min: float, active: bool, touching: bool, width: int, height: int = 14
-) -> NDArray[np.uint8]:
-    """A bar as long as the distance, up to 1 m: grey, orange while the shield acts, red in contact."""
-    strip = np.full((height, width, 3), 34, np.uint8)
-    colour = (200, 40, 40) if touching else (230, 159, 0) if active else (150, 160, 170)
-    length = width if touching else int(np.clip(distance, 0.0, 1.0) * width)
-    strip[3:-3, :length] = colour
-    mark = int(d_min * width)
-    strip[:, mark : mark + 2] = (255, 255, 255)
-    return strip
-
-
-def ribbon(share: Array, width: int, height: int = 46, steps: int = 250) -> NDArray[np.uint8]:
-    """The last ``steps`` control steps of every joint's jerk, newest at the right, shape (height, width, 3).
-
-    A shield that flips a jerk between its bounds fills it from top to bottom, one that gives way leaves a line.
-
-    Args:
-        share: Jerks so far over their bounds, shape (t, n).
-        width, height: Of the picture.
-        steps: How many are shown.
-    """
-    strip = np.full((height, width, 3), 34, np.uint8)
-    strip[height // 2] = (90, 96, 104)
-    shown = share[-steps - 1 :]
-    rows = np.clip(np.rint((1.0 - shown) / 2.0 * (height - 7) + 3), 0, height - 1).astype(int)
-    right = width - np.arange(len(shown) - 1, -1, -1) * width / steps
-    for k in range(1, len(shown)):
-        left, end = int(max(right[k - 1], 0.0)), int(right[k])
-        for j in range(rows.shape[1]):
-            top, bottom = sorted((rows[k - 1, j], rows[k, j]))
-            if shown[k - 1, j] or shown[k, j]:
-                strip[top : bottom + 1, left : max(end, left + 1)] = _RGB[j % len(_RGB)]
-    return strip
-
-
-def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int) -> None:
-    """Write frames as H.264 into an MP4; the file appears when it is complete.
-
-    Args:
-        path: The file.
-        frames: Pictures of one shape with even sides, (height, width, 3).
-        rate: Frames a second.
-
-    Raises:
-        MissingExtraError: PyAV is not installed.
-        StorageError: The file cannot be written.
-    """
-    try:
-        import av
-    except ImportError as error:
-        raise MissingExtraError(f"films need the extra 'plots': {INSTALL}") from error
-    with whole_file(Path(path)) as file, av.open(file, "w", format="mp4") as container:
-        stream: Any = container.add_stream("h264", rate=rate)
-        stream.pix_fmt = "yuv420p"
-        stream.options = {"crf": "22", "preset": "fast"}
-        for k, picture in enumerate(frames):
-            if k == 0:
-                stream.height, stream.width = picture.shape[:2]
-            for packet in stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")):
-                container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jssa_gym.plots.backend import draw_without_display
+from jssa_gym.palette import RED
+from jssa_gym.plots.style import legend_below, styled
 from jssa_gym.text import printable
 
 if TYPE_CHECKING:
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from jssa_gym.certificate.lambda_map import LambdaMap
 
 
+@styled
 def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> "Figure":
     """Share of boundary states that each pair of parameters loses, a panel a capsule.
 
@@ -24,13 +26,12 @@ def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> 
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    draw_without_display()
     from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
 
     names, best = list(swept.best.lost), swept.best
     columns = min(len(names), 2)
-    figure = Figure(figsize=(4.6 * columns, 3.9 * -(-len(names) // columns)), layout="constrained")
+    figure = Figure(figsize=(4.6 * columns, 3.9 * -(-len(names) // columns) + 0.6), layout="constrained")
     axes = figure.subplots(-(-len(names) // columns), columns, sharex=True, sharey=True, squeeze=False)
     least, (ones, twos) = 1e-2, swept.grid
     edges = [np.sqrt(x[0] / x[1]) * np.r_[x, x[-1] * x[1] / x[0]] for x in swept.grid]
@@ -41,6 +42,7 @@ def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> 
     for panel, name in zip(axes.flat, names, strict=False):
         share = np.array([[known[x, y].lost[name].value if (x, y) in known else np.nan for x in ones] for y in twos])
         panel.set_facecolor("#dddddd")
+        panel.grid(False)
         tiles = panel.pcolormesh(*edges, np.maximum(share, least), norm=scale, cmap="cividis")
         finer = [cell for cell in swept.cells if cell.lambda1 not in ones or cell.lambda2 not in twos]
         shares = [max(cell.lost[name].value, least) for cell in finer]
@@ -49,13 +51,13 @@ def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> 
         bound = (swept.trigger**2 - swept.d_min**2) / swept.domain.human_speed
         if edges[0][0] < bound < edges[0][-1]:
             label = f"triggered at {swept.trigger:g} m: no pair beyond"
-            panel.axvline(bound, color="#D55E00", linestyle="--", linewidth=1.2, label=label)
-        panel.plot(best.lambda1, best.lambda2, "*", color="#D55E00", markersize=13, label="least lost, worst capsule")
+            panel.axvline(bound, color=RED, linestyle="--", linewidth=1.2, label=label)
+        panel.plot(best.lambda1, best.lambda2, "*", color=RED, markersize=13, label="least lost, worst capsule")
         for marker, (text, pair) in zip("osD^v", pairs.items(), strict=False):
-            panel.plot(*pair, marker, color="none", markeredgecolor="white", markeredgewidth=1.6, label=text)
+            panel.plot(*pair, marker, color="none", markeredgecolor=RED, markeredgewidth=1.6, label=text)
         panel.set(xscale="log", yscale="log")
         panel.set_title(printable(name), parse_math=False)
-    axes[0, 0].legend(fontsize="x-small", loc="lower right", facecolor="#777777", labelcolor="white")
+    legend_below(figure, axes[0, 0], columns=2)
     for panel in axes[-1]:
         panel.set_xlabel("λ₁ [m·s]")
     for panel in axes[:, 0]:

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jssa_gym.kernels.index import index_value
-from jssa_gym.plots.backend import draw_without_display
+from jssa_gym.palette import BLUE, GREEN, GREY, RED
+from jssa_gym.plots.style import styled
 from jssa_gym.safety.condition import fastest_approach
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_BLUE, _RED, _GREEN = "#0072B2", "#D55E00", "#009E73"
 
 _FARTHEST = 1.2
 """Largest distance beyond d_min that is drawn [m]."""
@@ -56,6 +55,7 @@ def linear_surface(index: IndexParams) -> Surface:
     return Surface(title, lambda D, rate: (d_min - D - one * rate) / two, lambda D: -slope * (D - d_min))
 
 
+@styled
 def portraits(index: IndexParams) -> "Figure":
     r"""The paper's Fig. 3: :math:`\phi_0 = 0`, :math:`\phi^* = 0`, :math:`\phi = 0`, and what stays inside.
 
@@ -68,10 +68,9 @@ def portraits(index: IndexParams) -> "Figure":
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    draw_without_display()
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13.0, 8.2), layout="constrained")
+    figure = Figure(figsize=(12.0, 8.8), layout="constrained")
     for k, drawn in enumerate((None, linear_surface(index), surface(index))):
         space = figure.add_subplot(2, 3, k + 1, projection="3d")
         _space(space, f"({'abc'[k]})  " + (drawn.title if drawn else r"$\phi_0$"))
@@ -82,6 +81,7 @@ def portraits(index: IndexParams) -> "Figure":
     return figure
 
 
+@styled
 def shifts(index: IndexParams, lambda1: float, lambda2: float) -> "Figure":
     r"""The paper's Fig. 7: how :math:`\phi = 0` moves when :math:`\lambda_1` or :math:`\lambda_2` grows.
 
@@ -94,7 +94,6 @@ def shifts(index: IndexParams, lambda1: float, lambda2: float) -> "Figure":
         MissingExtraError: matplotlib is not installed.
         ParameterError: These are no parameters of an index.
     """
-    draw_without_display()
     from matplotlib.figure import Figure
 
     d_min, before = index.d_min, surface(index)
@@ -126,13 +125,13 @@ def _space(axes: Any, title: str) -> None:
     axes.set_yticks([-0.8, 0.0, 0.8])
     axes.set_zticks([-4.0, 0.0, 4.0])
     axes.view_init(elev=24.0, azim=-22.0)
-    axes.set_box_aspect(None, zoom=0.84)
+    axes.set_box_aspect(None, zoom=0.78)
 
 
 def _margin(axes: Any) -> None:
     """The plane φ0 = 0."""
     rate, growth = np.meshgrid([-_FASTEST, _FASTEST], [-_STEEPEST, _STEEPEST])
-    axes.plot_surface(np.zeros_like(rate), rate, growth, color=_BLUE, alpha=0.2)
+    axes.plot_surface(np.zeros_like(rate), rate, growth, color=BLUE, alpha=0.2)
 
 
 def _sheet(axes: Any, drawn: Surface, d_min: float, colours: str | None) -> None:
@@ -141,38 +140,38 @@ def _sheet(axes: Any, drawn: Surface, d_min: float, colours: str | None) -> None
     phi0, rate0 = np.meshgrid(np.linspace(-_FARTHEST, 0.2, 57), np.linspace(-_FASTEST, _FASTEST, 65))
     growth = -drawn.curvature(d_min - phi0, -rate0)
     growth = np.where(np.abs(growth) <= _STEEPEST, growth, np.nan)
-    style = {"cmap": colours, "vmin": -_STEEPEST, "vmax": 0.8 * _STEEPEST} if colours else {"color": _BLUE}
+    style = {"cmap": colours, "vmin": -_STEEPEST, "vmax": 0.8 * _STEEPEST} if colours else {"color": BLUE}
     axes.plot_surface(phi0, rate0, growth, alpha=0.8, linewidth=0.0, rcount=60, ccount=60, **style)
 
 
 def _slice(axes: Any, drawn: Surface | None, d_min: float) -> None:
     """The plane of no acceleration, with the set that stays inside; without a surface only the margin."""
     phi0 = np.linspace(-_FARTHEST, 0.0, 121)[::-1]
-    axes.axvline(0.0, color=_BLUE, label=r"$\phi_0 = 0$")
+    axes.axvline(0.0, color=BLUE, label=r"$\phi_0 = 0$")
     if drawn is None:
-        axes.axvspan(-_FARTHEST, 0.0, color="#999999", alpha=0.15, linewidth=0.0, label="safe, but not invariant")
+        axes.axvspan(-_FARTHEST, 0.0, color=GREY, alpha=0.15, linewidth=0.0, label="safe, but not invariant")
     else:
         phi, rate = np.meshgrid(np.linspace(-_FARTHEST, 0.2, 141), np.linspace(-_FASTEST, _FASTEST, 161))
-        axes.contour(phi, rate, drawn.curvature(d_min - phi, -rate), [0.0], colors=[_RED])
-        axes.plot([], [], color=_RED, label=r"index = 0 at $\ddot\phi_0 = 0$")
+        axes.contour(phi, rate, drawn.curvature(d_min - phi, -rate), [0.0], colors=[RED])
+        axes.plot([], [], color=RED, label=r"index = 0 at $\ddot\phi_0 = 0$")
         fastest = -drawn.fastest(d_min - phi0)
-        axes.plot(phi0, fastest, color=_GREEN, linestyle="--", label="fastest approach it stops")
+        axes.plot(phi0, fastest, color=GREEN, linestyle="--", label="fastest approach it stops")
         held = np.where(drawn.curvature(d_min - phi, -rate) <= 0.0, 1.0, 0.0)
         held *= (phi <= 0.0) & (rate <= np.interp(-phi, -phi0, fastest))
-        axes.contourf(phi, rate, held, [0.5, 1.5], colors=[_GREEN], alpha=0.18)
-        axes.fill_between([], [], [], color=_GREEN, alpha=0.18, label=r"forward invariant, at $\ddot\phi_0 = 0$")
+        axes.contourf(phi, rate, held, [0.5, 1.5], colors=[GREEN], alpha=0.18)
+        axes.fill_between([], [], [], color=GREEN, alpha=0.18, label=r"forward invariant, at $\ddot\phi_0 = 0$")
     axes.set_xlim(-_FARTHEST, 0.2)
     axes.set_ylim(-_FASTEST, _FASTEST)
     axes.set_xlabel(r"$\phi_0$ [m]")
     axes.set_ylabel(r"$\dot\phi_0$ [m/s]")
-    axes.legend(loc="lower left", fontsize="small")
+    _legend(axes)
 
 
 def _over_distance(axes: Any, before: Surface, after: Surface, d_min: float) -> None:
     """Slices at no acceleration: who is triggered at which speed of approach."""
     phi, rate = np.meshgrid(np.linspace(-_FARTHEST, 0.2, 141), np.linspace(-_FASTEST, _FASTEST, 161))
     _compare(axes, before, after, phi, rate, lambda s: s.curvature(d_min - phi, -rate))
-    axes.axvline(0.0, color=_BLUE, alpha=0.4)
+    axes.axvline(0.0, color=BLUE, alpha=0.4)
     axes.set_xlabel(r"$\phi_0$ [m]")
     axes.set_ylabel(r"$\dot\phi_0$ [m/s]")
     axes.set_title(r"slice at $\ddot\phi_0 = 0$; above a line the index is positive", fontsize="medium")
@@ -189,15 +188,20 @@ def _over_growth(axes: Any, before: Surface, after: Surface, d_min: float) -> No
 
 
 def _compare(axes: Any, before: Surface, after: Surface, x: Array, y: Array, level: Callable[[Surface], Array]) -> None:
-    for drawn, colour in ((before, _BLUE), (after, _RED)):
+    for drawn, colour in ((before, BLUE), (after, RED)):
         axes.contour(x, y, level(drawn), [0.0], colors=[colour])
         axes.plot([], [], color=colour, label=drawn.title)
     old, new = level(before), level(after)
     for where, colour, label in (
-        ((new > 0.0) & (old <= 0.0), _RED, "newly triggered"),
-        ((new <= 0.0) & (old > 0.0), _GREEN, "no longer triggered"),
+        ((new > 0.0) & (old <= 0.0), RED, "newly triggered"),
+        ((new <= 0.0) & (old > 0.0), GREEN, "no longer triggered"),
     ):
         if where.any():
             axes.contourf(x, y, where.astype(float), [0.5, 1.5], colors=[colour], alpha=0.18)
             axes.fill_between([], [], [], color=colour, alpha=0.18, label=label)
-    axes.legend(loc="upper right", fontsize="small")
+    _legend(axes, columns=2)
+
+
+def _legend(axes: Any, columns: int = 1) -> None:
+    """Below the panel, where no line is."""
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.18), ncols=columns, borderaxespad=0.0)

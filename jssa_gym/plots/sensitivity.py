@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jssa_gym.plots.backend import draw_without_display
+from jssa_gym.plots.style import styled
 from jssa_gym.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@styled
 def sensitivity(
     tables: Mapping[str, Array], lambda1: Sequence[float], lambda2: Sequence[float], measures: Sequence[str]
 ) -> "Figure":
@@ -28,10 +29,9 @@ def sensitivity(
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    draw_without_display()
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(2.6 * len(tables) + 1.0, 1.9 * len(measures)), layout="constrained")
+    figure = Figure(figsize=(2.8 * len(tables) + 1.4, 1.9 * len(measures)), layout="constrained")
     axes = figure.subplots(len(measures), len(tables), sharex=True, sharey=True, squeeze=False)
     for column, (title, table) in zip(axes.T, tables.items(), strict=True):
         column[0].set_title(title)
@@ -41,9 +41,11 @@ def sensitivity(
             # equal values are to look equal, not like the bottom of a range
             middle, half = (low + high) / 2.0, max((high - low) / 2.0, 1e-9)
             panel.imshow(values, cmap="Blues", vmin=middle - 1.4 * half, vmax=middle + 1.8 * half, aspect="auto")
+            panel.grid(False)
             for (row, place), value in np.ndenumerate(values):
                 if np.isfinite(value):
-                    panel.text(place, row, f"{value:.3f}", ha="center", va="center", fontsize="small")
+                    ink = "white" if value > middle + 0.4 * half else "black"
+                    panel.text(place, row, f"{value:.3f}", ha="center", va="center", fontsize="medium", color=ink)
         column[-1].set_xlabel(r"$\lambda_1$")
     for panel, measure in zip(axes[:, 0], measures, strict=True):
         panel.set_ylabel(measure.replace("critical ", "critical\n") + "\n" + r"$\lambda_2$")
