@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym import plots
-from jssa_gym.envs.arm import DT
+from jssa_gym.envs.arm import DT, MOVING
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.exceptions import JSSAGymError
@@ -267,7 +267,7 @@ def _says(view: ArmView, several: bool) -> str:
     if view.contact:
         touched = (
             f" **contact**, arm at {view.contact_speed:.3f} m/s"
-            if view.contact_speed > 1e-3
+            if view.contact_speed > MOVING
             else " contact, arm at rest"
         )
     if view.moving_contacts:

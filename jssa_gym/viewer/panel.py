@@ -1,4 +1,4 @@
-"""The page's switches: each is entered in the gate with the values that it can have, and asks the session for one thing."""
+"""The page's switches: each is entered in the gate with the values that it can have, and asks for one thing."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -100,9 +100,7 @@ class Panel:
             self._dropdown("robot", "robot", robots, choices.robot, "those of Menagerie need the extra 'robots'")
             self._dropdown("human", "person", _PEOPLE, choices.human, "dragged by the mouse, or walking by itself")
             policies = (*_POLICIES, *shipped_policies())
-            self._dropdown(
-                "policy", "policy", policies, choices.policy, "what drives the arm; trained ones are shielded"
-            )
+            self._dropdown("policy", "policy", policies, choices.policy, "trained ones are always shielded")
 
     def _shields(self, choices: Choices) -> None:
         one, *others = choices.shields

@@ -156,7 +156,7 @@ class Session:
             return "" if self.dragged.clamped else "the person may be faster than assumed"
         names = side.base.scene.human.names
         for name in dict.fromkeys(names):
-            for speed, bound in zip(self.human.end_speeds_of(name), assumed.end_speeds_of(name)):
+            for speed, bound in zip(self.human.end_speeds_of(name), assumed.end_speeds_of(name), strict=True):
                 if speed > bound * (1.0 + 1e-6):
                     return f"people may be {speed:.2g} m/s fast, {bound:g} is assumed"
         return ""

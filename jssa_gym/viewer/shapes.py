@@ -30,10 +30,10 @@ class Mesh(NamedTuple):
 
 
 def tube() -> Mesh:
-    """An open cylinder of radius 1 from z = 0 to 1: a capsule's middle, without inner walls that would shine through."""
+    """An open cylinder of radius 1 from z = 0 to 1: a capsule's middle, without walls that would shine through."""
     turn = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
     ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(_AROUND)], axis=1)
-    return _rings([ring, ring + [0.0, 0.0, 1.0]])
+    return _rings([ring, ring + np.array([0.0, 0.0, 1.0])])
 
 
 def dome() -> Mesh:
@@ -66,7 +66,7 @@ def turned_to(direction: Array) -> NDArray[np.float32]:
 
 
 def looks(world: World) -> dict[int, trimesh.Trimesh]:
-    """What an arm's bodies look like, by their number in MuJoCo's model; empty for one that is drawn by its capsules."""
+    """What an arm's bodies look like, by their number in MuJoCo's model; empty for one that has capsules only."""
     model, found = world.model, {}
     for body in range(1, model.nbody):
         parts = []

@@ -118,7 +118,9 @@ class Side:
                 reach = reachable(scene.human, self.assumed or FailsafeParams(), time)
         assumed = self.assumed
         held = (
-            "" if assumed is None else f"nobody faster than {assumed.human_speed:g} m/s, hands {assumed.limb_speed:g}"
+            ""
+            if assumed is None
+            else f"nobody faster than {assumed.human_speed:g} m/s, hands {assumed.limb_speed:g} m/s"
         )
         return ArmView(
             name=self.shield.name,
@@ -173,7 +175,8 @@ class Side:
         """Who is faster than assumed at present; empty if nobody is."""
         people = self.base.scene.human
         for k, name in enumerate(people.names):
-            for velocity, bound in zip((people.start_velocity[k], people.end_velocity[k]), assumed.end_speeds_of(name)):
+            ends = people.start_velocity[k], people.end_velocity[k]
+            for velocity, bound in zip(ends, assumed.end_speeds_of(name), strict=True):
                 speed = float(np.sqrt(velocity.dot(velocity)))
                 if speed > bound * _ROUNDING:
                     return f"{name.replace('_', ' ')} was {speed:.1f} m/s fast, {bound:g} is assumed"
