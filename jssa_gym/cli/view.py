@@ -1,12 +1,11 @@
 """``jssa-gym view``: a page on which a person is dragged beside a shielded arm."""
 
-import importlib.util
 import time
 import webbrowser
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +22,17 @@ from jssa_gym.types import Trace
 from jssa_gym.viewer import Choices, Session, ShieldChoice
 from jssa_gym.viewer.choices import DRAGGED
 from jssa_gym.viewer.gate import LOOPBACK, Door
+from jssa_gym.viewer.shelf import Shelf
+
+if TYPE_CHECKING:
+    from jssa_gym.viewer.page import Page
 
 PORT = 8765
 """Where the page is unless told otherwise."""
 
 
 @dataclass(frozen=True)
-class View:
+class ViewCommand:
     """Open a page on which a person is dragged by the mouse beside a shielded arm; Ctrl-C ends it.
 
     Only this machine can open it, unless --host and --token say otherwise.
@@ -66,7 +69,7 @@ class View:
             shields=tuple(ShieldChoice(name) for name in self.shields),
             seed=self.seed,
         )
-        require_viewer()
+        page_class = require_page()
         writable_folder(self.out)
         console = Terminal(stderr=True)
         console.say("building the scene ...")
@@ -74,9 +77,7 @@ class View:
         session.step()  # compiles, before anybody waits for it
         session.snapshot()
         session.reset()
-        from jssa_gym.viewer.page import Page
-
-        page = Page(session, door, self.port, self.out, _pictures)
+        page = page_class(session, door, self.port, Shelf(self.out, _pictures))
         page.start()
         console.say(f"open {page.server.address}")
         if self.open:
@@ -90,17 +91,20 @@ class View:
             page.close()
 
 
-def require_viewer() -> None:
-    """Find out before long work whether there can be a page.
+def require_page() -> type["Page"]:
+    """The page's class, before long work for it.
 
     Raises:
         MissingExtraError: viser is not installed.
     """
-    if importlib.util.find_spec("viser") is None or importlib.util.find_spec("trimesh") is None:
+    try:
+        from jssa_gym.viewer.page import Page
+    except ModuleNotFoundError as error:
         raise MissingExtraError(
-            "the page needs the extra 'viewer': pip install 'jssa-gym[viewer]', or pip install -e '.[viewer]' in a "
-            "clone"
-        )
+            f"the page needs the extra 'viewer' ({error.name} is missing): pip install 'jssa-gym[viewer]', or pip "
+            "install -e '.[viewer]' in a clone"
+        ) from error
+    return Page
 
 
 def _pictures(traces: Sequence[Trace], robot: RobotModel) -> tuple[Iterable[NDArray[np.uint8]], int]:

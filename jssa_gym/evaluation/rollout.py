@@ -117,7 +117,7 @@ class Recorder:
                 "jerk": info["jerk"],
                 "nominal": info["jerk"] if decision is None else decision.nominal,
                 "goal": base.goal.ravel(),
-                "reward": float(reward),
+                "reward": reward,
                 "success": info["success"],
                 "limit_violation": info["limit_violation"],
                 "distance": closest.distance,
@@ -184,7 +184,7 @@ def rollout(
         for _ in range(steps):
             action = policy(observation)
             observation, reward, terminated, truncated, info = env.step(action)
-            recorder.take(reward, info)
+            recorder.take(float(reward), info)
             if terminated or truncated:
                 ended = "terminated" if terminated else "truncated"
                 break

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
-from typing import Any
+from typing import Any, TypeGuard
 from urllib.parse import parse_qs, urlsplit
 
 from jssa_gym.exceptions import ParameterError
@@ -199,7 +199,7 @@ class Speech:
     nodes: dict[str, int] = field(default_factory=dict)
     """Scene nodes that can be dragged, and of how many instances."""
 
-    def understands(self, message: Any) -> bool:
+    def understands(self, message: Any) -> TypeGuard[dict[str, Any]]:
         """Whether a decoded message is one that this page's widgets can have sent."""
         if not isinstance(message, dict) or not all(isinstance(key, str) for key in message):
             return False

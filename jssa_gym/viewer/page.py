@@ -4,36 +4,29 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jssa_gym import plots
 from jssa_gym.envs.arm import DT, MOVING
-from jssa_gym.evaluation.identity import code_version
-from jssa_gym.evaluation.trace import save_trace
 from jssa_gym.exceptions import JSSAGymError
 from jssa_gym.robots import RobotModel
-from jssa_gym.storage import file_name
 from jssa_gym.types import Trace
 from jssa_gym.viewer.charts import Charts, ribbon
 from jssa_gym.viewer.gate import Door, Speech, number, one_of, switch
-from jssa_gym.viewer.panel import Panel, saved_in
+from jssa_gym.viewer.panel import ControlPanel
 from jssa_gym.viewer.playback import Playback
 from jssa_gym.viewer.runner import Runner
 from jssa_gym.viewer.scene import Picture
 from jssa_gym.viewer.server import Server
 from jssa_gym.viewer.session import Session
+from jssa_gym.viewer.shelf import Shelf
 from jssa_gym.viewer.snapshot import ArmView, Snapshot
 from jssa_gym.viewer.words import COLOURS, WORDS
 
 _logger = logging.getLogger("jssa_gym")
-
-Film = Callable[[Sequence[Trace], RobotModel], tuple[Iterable[NDArray[np.uint8]], int]]
-"""Pictures of episodes of one length, side by side, and how many there are a second."""
 
 SENT = 1.0 / 31.0
 """The scene is sent this often [s]."""
@@ -58,16 +51,15 @@ class Page:
         session: What is played.
         door: Who may come in.
         port: Where it listens; 0 for any that is free.
-        out: Folder for films and episodes.
-        film: Makes a film's pictures.
+        shelf: Where films and episodes are kept.
 
     Raises:
         ParameterError: Nothing can listen there.
         InterfaceError: This version of viser cannot be guarded.
     """
 
-    def __init__(self, session: Session, door: Door, port: int, out: Path, film: Film) -> None:
-        self._out, self._film = out, film
+    def __init__(self, session: Session, door: Door, port: int, shelf: Shelf) -> None:
+        self._shelf = shelf
         self._robot = session.robot
         self.runner = Runner(session)
         self._speech = Speech()
@@ -78,7 +70,6 @@ class Page:
         self._playback: Playback | None = None
         self._scrub = 0.0
         self._over = threading.Event()
-        self._asked_for: list[int] = []  # downloads of visitors
         self._news = ""
         self._set_up()
         self.server.on_refusal = self._remind
@@ -102,17 +93,19 @@ class Page:
 
     def _set_up(self) -> None:
         server, gui = self._viser, self._viser.gui
-        server.initial_camera.position, server.initial_camera.look_at = (-2.3, -2.4, 2.5), (0.55, 0.0, 0.95)
-        gui.configure_theme(control_layout="fixed", control_width="medium", show_logo=False, show_share_button=False)
+        camera = server.initial_camera
+        camera.position, camera.look_at, camera.fov = (-2.4, -3.0, 2.9), (0.6, 0.0, 0.95), math.radians(40.0)
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
         gui.set_panel_label("jssa-gym view")
         self._status = gui.add_markdown("")
         self._ribbon = gui.add_image(np.full((24, 256, 3), 235, np.uint8), format="png")
-        self.panel = Panel(gui, self._speech, self.runner.submit, self.runner.snapshot.choices)
+        self.panel = ControlPanel(gui, self._speech, self.runner.submit, self.runner.snapshot.choices)
         with gui.add_folder("Keep"):
             enter = self.panel.enter
             self._record = enter(gui.add_button("record a film"), switch, lambda value: self._toggle_film())
             enter(gui.add_button("save the episode", hint="the last minute"), switch, lambda value: self._save())
-            names = (_LIVE, *saved_in(self._out))
+            names = (_LIVE, *self._shelf.episodes())
             self._episode = gui.add_dropdown("episode", names, initial_value=_LIVE, hint="a saved one can be scrubbed")
             enter(self._episode, one_of(lambda: self._episode.options), self._open)
             self._line = gui.add_slider("time [s]", 0.0, 1.0, DT, 0.0, disabled=True)
@@ -193,12 +186,12 @@ class Page:
             self.runner.submit(lambda session: session.roll())
         else:
             self._record.label = "record a film"
-            self.runner.submit(lambda session: self._keep(self._make_film, session.cut(), session.robot))
+            self.runner.submit(lambda session: self._keep(self._shelf.keep_film, session.cut(), session.robot))
 
     def _save(self) -> None:
-        self.runner.submit(lambda session: self._keep(self._write, session.traces(), session.robot))
+        self.runner.submit(lambda session: self._keep(self._shelf.keep_episodes, session.traces(), session.robot))
 
-    def _keep(self, how: Callable[[list[Trace], RobotModel], list[Path]], traces: list[Trace], robot: Any) -> None:
+    def _keep(self, how: Callable[[Sequence[Trace], RobotModel], list[Path]], traces: list[Trace], robot: Any) -> None:
         """Write files in a thread of its own, so that nothing waits; then hand them to who drives."""
 
         def work() -> None:
@@ -212,7 +205,7 @@ class Page:
                 for path in written:
                     if client is not None:
                         client.send_file_download(path.name, path.read_bytes(), save_immediately=True)
-                self._episode.options = (_LIVE, *saved_in(self._out))
+                self._episode.options = (_LIVE, *self._shelf.episodes())
             except (JSSAGymError, OSError) as error:
                 self._news = str(error)
             except Exception as error:
@@ -221,31 +214,13 @@ class Page:
 
         threading.Thread(target=work, name="jssa-gym keep", daemon=True).start()
 
-    def _make_film(self, traces: list[Trace], robot: RobotModel) -> list[Path]:
-        pictures, rate = self._film(traces, robot)
-        path = self._free("film", "mp4")
-        plots.write_film(path, iter(pictures), rate=rate)
-        return [path]
-
-    def _write(self, traces: list[Trace], robot: RobotModel) -> list[Path]:
-        paths = []
-        for trace in traces:
-            path = self._free(f"episode-{file_name(trace.name)}", "npz")
-            save_trace(trace, path, {"filter": trace.name, "human": "as on the page", **code_version()})
-            paths.append(path)
-        return paths
-
-    def _free(self, name: str, ending: str) -> Path:
-        self._out.mkdir(parents=True, exist_ok=True)
-        return next(path for k in range(1, 100_000) if not (path := self._out / f"{name}-{k:03d}.{ending}").exists())
-
     def _open(self, name: str) -> None:
         if name == _LIVE:
             self._playback, self._line.disabled = None, True
             self.runner.submit(lambda session: setattr(session, "paused", False))
             return
         try:
-            self._playback = Playback(self._out / name, self.runner.snapshot.choices, self._robot)
+            self._playback = Playback(self._shelf.folder / name, self.runner.snapshot.choices, self._robot)
         except JSSAGymError as error:
             self._news = str(error)
             self._episode.value = _LIVE

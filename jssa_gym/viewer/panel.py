@@ -1,7 +1,6 @@
 """The page's switches: each is entered in the gate with the values that it can have, and asks for one thing."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import viser
@@ -43,7 +42,7 @@ _RANGES: dict[str, tuple[str, float, float, float]] = {
 """Words, least, most and step of what can be changed."""
 
 
-class Panel:
+class ControlPanel:
     """The switches.
 
     Args:
@@ -219,9 +218,3 @@ def _set(name: str, value: Any) -> Command:
 def _step(session: Any) -> None:
     if session.paused:
         session.step()
-
-
-def saved_in(folder: Path) -> tuple[str, ...]:
-    """Names of the episodes in a folder, the newest first."""
-    files = sorted(folder.glob("*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
-    return tuple(path.name for path in files)

@@ -48,7 +48,7 @@ Drag = Callable[[str, tuple[float, ...]], None]
 """What a dragged body part does: its name, and where the mouse is on the floor (2,) or in the world (3,) [m]."""
 
 
-class Batch:
+class CapsuleBatch:
     """Capsules that move, stretch and grow: two messages a moment, however many there are.
 
     Args:
@@ -88,7 +88,7 @@ class Batch:
         self.tubes.batched_wxyzs = up
         self.tubes.batched_scales = np.stack([r, r, np.maximum(length, 1e-6)], axis=1).astype(np.float32)
         self.domes.batched_positions = np.concatenate([start, end]).astype(np.float32)
-        self.domes.batched_wxyzs = np.concatenate([np.where(length[:, None] > 1e-9, down, _flipped(up)), up])
+        self.domes.batched_wxyzs = np.concatenate([np.where(length[:, None] > 1e-9, down, _DOWN), up])
         self.domes.batched_scales = np.tile(r[:, None], (2, 3)).astype(np.float32)
 
     def paint(self, colour: tuple[int, int, int]) -> None:
@@ -104,9 +104,8 @@ class Batch:
                 part.visible = visible
 
 
-def _flipped(up: Array) -> Array:
-    """The turns of a sphere's lower half."""
-    return np.tile(np.array([0.0, 1.0, 0.0, 0.0], np.float32), (len(up), 1))
+_DOWN = np.array([0.0, 1.0, 0.0, 0.0], np.float32)
+"""The turn of a sphere's lower half."""
 
 
 class SceneryOfArm:
@@ -138,17 +137,19 @@ class SceneryOfArm:
             for body, mesh in meshes.items()
         }
         m = len(view.capsules.radius)
-        self._capsules = Batch(
+        self._capsules = CapsuleBatch(
             server, f"{name}/capsules", np.tile(COLOURS[Status.NOMINAL], (m, 1)), 0.3 if meshes else None
         )
         clothes = np.array([_CLOTHES.get(part, _CLOTH) for part in people.names]).reshape(-1, 3)
-        self.people = Batch(server, f"{name}/people", clothes) if len(clothes) else None
-        self._reach = Batch(server, f"{name}/reach", np.tile(_REACH, (len(clothes), 1)), 0.13) if len(clothes) else None
-        self._stop: Batch | None = None
+        self.people = CapsuleBatch(server, f"{name}/people", clothes) if len(clothes) else None
+        self._reach = (
+            CapsuleBatch(server, f"{name}/reach", np.tile(_REACH, (len(clothes), 1)), 0.13) if len(clothes) else None
+        )
+        self._stop: CapsuleBatch | None = None
         self._server = server
         self._goal = scene.add_icosphere(f"{name}/goal", 0.03, _GOAL, cast_shadow=False)
         self._halo = scene.add_icosphere(f"{name}/halo", 0.07, _GOAL, opacity=0.25, cast_shadow=False)
-        self._line = Batch(server, f"{name}/pair", np.tile(_LINE, (3, 1)))
+        self._line = CapsuleBatch(server, f"{name}/pair", np.tile(_LINE, (3, 1)))
         self._far = scene.add_label(f"{name}/distance", "", anchor="bottom-center")
         self._label = scene.add_label(
             f"{name}/label",
@@ -186,7 +187,9 @@ class SceneryOfArm:
         stop, reach = view.stop, view.reach
         if stop is not None:
             if self._stop is None:
-                self._stop = Batch(self._server, f"{self._name}/stop", np.tile(_STOP, (len(stop.radius), 1)), 0.12)
+                self._stop = CapsuleBatch(
+                    self._server, f"{self._name}/stop", np.tile(_STOP, (len(stop.radius), 1)), 0.12
+                )
             self._show_overlay(self._stop, stop)
         if self._stop is not None:
             self._stop.appear(stop is not None and "stop" in layers)
@@ -196,7 +199,7 @@ class SceneryOfArm:
             self._reach.appear(reach is not None and "reach" in layers)
 
     @staticmethod
-    def _show_overlay(batch: Batch, overlay: Overlay) -> None:
+    def _show_overlay(batch: CapsuleBatch, overlay: Overlay) -> None:
         batch.show(overlay.start, overlay.end, overlay.radius)
 
     def _show_pair(self, view: ArmView, wanted: bool) -> None:
@@ -262,7 +265,7 @@ class Picture:
                 if arm.people is not None:
                     self._let_drag(arm.people, snapshot.people.names, arm.aside)
 
-    def _let_drag(self, people: Batch, names: tuple[str, ...], aside: float) -> None:
+    def _let_drag(self, people: CapsuleBatch, names: tuple[str, ...], aside: float) -> None:
         """Let every capsule of the person be taken by the mouse."""
         for handle, parts in ((people.tubes, names), (people.domes, names * 2)):
             self._speech.nodes[handle.name] = len(parts)

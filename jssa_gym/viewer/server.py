@@ -97,10 +97,10 @@ class Server:
         def guarded(handler: Any, host: Any, port: Any, *, process_request: Any, **others: Any) -> Any:
             used.append(None)
             quiet = logging.Logger("jssa_gym.viewer.connections", logging.CRITICAL + 1)
-            changed = {"max_size": LARGEST, "logger": quiet}
+            changed: dict[str, Any] = {**others, "max_size": LARGEST, "logger": quiet}
             return serve(
                 self._hearing(handler), sock=listening, process_request=self._asking(process_request),
-                **(others | changed),
+                **changed,
             )  # fmt: skip
 
         serving.serve = guarded  # ty: ignore[invalid-assignment]
@@ -158,10 +158,9 @@ class Server:
 
     def counts(self, visitor: int, raw: Any) -> bool:
         """Whether what a visitor sent does something."""
-        try:
+        message: Any = None
+        with contextlib.suppress(msgspec.DecodeError, ValueError, RecursionError):  # None is not understood either
             message = msgspec.msgpack.decode(raw) if isinstance(raw, bytes) else None
-        except (msgspec.DecodeError, ValueError, RecursionError):
-            message = None
         if not self.speech.understands(message):
             self.refused += 1
             return False

@@ -4,6 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
+import trimesh.creation
+import trimesh.transformations
+import trimesh.visual
 from numpy.typing import NDArray
 
 from jssa_gym.envs.world import World

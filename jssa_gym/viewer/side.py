@@ -87,13 +87,16 @@ class Side:
 
     def roll(self) -> None:
         """Begin a recording for a film, from here on."""
-        self.take = Recorder(self.base, name=self.shield.name, most=round(LONGEST / DT))
+        self.take = Recorder(self.env, name=self.shield.name, most=round(LONGEST / DT))
         self.take.begin()
 
     def cut(self) -> Trace | None:
         """End the recording; None if there was none, or nothing on it."""
         take, self.take = self.take, None
-        return None if take is None or not len(take) else take.trace()
+        if take is None:
+            return None
+        take.close()
+        return take.trace() if len(take) else None
 
     def close(self) -> None:
         """Free what the environment holds."""
