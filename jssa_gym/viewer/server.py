@@ -85,6 +85,7 @@ class Server:
             with contextlib.redirect_stdout(io.StringIO()):
                 made = viser.ViserServer(self.door.host, self.port, verbose=False)
             if not used:
+                listening.close()
                 made.stop()
                 raise InterfaceError(f"viser {viser.__version__} opens its server otherwise: it cannot be guarded")
         return made

@@ -68,7 +68,9 @@ def test_another_host_needs_a_token_and_is_one():
     assert door.refusal({"Host": "192.168.1.8:8765"}, False) != ""
 
 
-@pytest.mark.parametrize("token", ["", "short", "with a blank in it", "with;semicolon-in-it", "ümlaute-ümlaute-ümlaute"])
+@pytest.mark.parametrize(
+    "token", ["", "short", "with a blank in it", "with;semicolon-in-it", "ümlaute-ümlaute-ümlaute"]
+)
 def test_tokens_are_long_and_plain(token):
     with pytest.raises(ParameterError, match="16 or more"):
         Door(token=token)
@@ -89,13 +91,28 @@ def test_a_token_is_told_by_the_path_once_and_by_a_cookie_from_then_on():
 
 CAMERA = {
     "type": "ViewerCameraMessage",
-    **{"wxyz": [1.0, 0, 0, 0], "position": [0.0, 1, 2], "fov": 0.7, "near": 0.01, "far": 1000.0},
-    **{"image_height": 400, "image_width": 600, "look_at": [0.0, 0, 0], "up_direction": [0.0, 0, 1]},
+    "wxyz": [1.0, 0, 0, 0],
+    "position": [0.0, 1, 2],
+    "fov": 0.7,
+    "near": 0.01,
+    "far": 1000.0,
+    "image_height": 400,
+    "image_width": 600,
+    "look_at": [0.0, 0, 0],
+    "up_direction": [0.0, 0, 1],
 }
 DRAG = {
-    **{"type": "SceneNodeDragMessage", "phase": "start", "name": "/person", "instance_index": 3},
-    **{"start_position": [0.0, 0, 0], "start_screen_pos": [0.1, 0.2], "end_position": [1.0, 0, 0]},
-    **{"end_screen_pos": [0.3, 0.2], "button": "left", "modifier": None, "owner": ""},
+    "type": "SceneNodeDragMessage",
+    "phase": "start",
+    "name": "/person",
+    "instance_index": 3,
+    "start_position": [0.0, 0, 0],
+    "start_screen_pos": [0.1, 0.2],
+    "end_position": [1.0, 0, 0],
+    "end_screen_pos": [0.3, 0.2],
+    "button": "left",
+    "modifier": None,
+    "owner": "",
 }
 
 

@@ -1,5 +1,7 @@
 """Somebody who is dragged: where to, how fast, and how far not."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -42,10 +44,10 @@ def test_it_goes_where_it_is_drawn_to_and_stands_there():
 def test_a_hand_goes_where_it_is_drawn_to_as_far_as_the_arm_is_long_and_hangs_again():
     person = begun(start=(1.2, 0.0))
     shoulder = walked(person, 0.01)[-1].start[HAND]
-    near = shoulder + [-0.3, 0.05, 0.2]
+    near = shoulder + np.array([-0.3, 0.05, 0.2])
     person.reach("right_arm", near)
     np.testing.assert_allclose(walked(person, 1.0)[-1].end[HAND], near, atol=1e-6)
-    person.reach("right_arm", shoulder + [-3.0, 0.0, 0.0])
+    person.reach("right_arm", shoulder + np.array([-3.0, 0.0, 0.0]))
     far = walked(person, 1.0)[-1].end[HAND]
     np.testing.assert_allclose(far - shoulder, [-0.7, 0.0, 0.0], atol=1e-6)
     rest = begun(start=(1.2, 0.0)).step(DT, nobody()).end[HAND]
@@ -55,7 +57,9 @@ def test_a_hand_goes_where_it_is_drawn_to_as_far_as_the_arm_is_long_and_hangs_ag
 
 @given(
     moves=st.lists(
-        st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(0.0, 2.0), st.sampled_from([*HANDS, "", "low"])),
+        st.tuples(
+            st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(0.0, 2.0), st.sampled_from([*HANDS, "", "low"])
+        ),
         min_size=1,
         max_size=8,
     ),
@@ -75,7 +79,7 @@ def test_clamped_it_is_never_faster_whatever_the_mouse_does(moves, speed, more):
         people += walked(person, 0.15)
     bounds = np.array([person.end_speeds_of(name) for name in NAMES])
     assert np.all(fastest(people) <= bounds * (1.0 + 1e-9))
-    for before, after in zip(people[1:], people[2:], strict=False):
+    for before, after in pairwise(people):
         # what a velocity says is what comes
         np.testing.assert_allclose(after.start, before.start + DT * before.start_velocity, atol=1e-12)
         np.testing.assert_allclose(after.end, before.end + DT * before.end_velocity, atol=1e-12)
