@@ -83,13 +83,12 @@ class Tab:
     def _field(self, label):
         """What stands beside a label."""
         text = self.tab.get_by_text(label, exact=True).first
-        text.scroll_into_view_if_needed()
-        return text.locator("xpath=ancestor::*[.//input or .//button][1]")
+        return seen(text.locator("xpath=ancestor::*[.//input or .//button][1]"))
 
     def pick(self, label, value):
         """Choose in a dropdown."""
-        self._field(label).locator("input").first.click()
-        self.tab.get_by_role("option", name=value, exact=True).click()
+        self._field(label).locator("input").first.click(force=True)
+        seen(self.tab.get_by_role("option", name=value, exact=True)).click(force=True)
 
     def tick(self, label):
         """Turn a checkbox."""
@@ -100,12 +99,16 @@ class Tab:
 
     def press(self, label):
         """Press a button."""
-        button = self.tab.get_by_role("button", name=label, exact=True)
-        button.scroll_into_view_if_needed()
-        button.click()
+        seen(self.tab.get_by_role("button", name=label, exact=True)).click(force=True)
 
     def set(self, label, value):
         """Write a slider's number."""
         number = self._field(label).locator("input:not([type=hidden])").last
-        number.fill(value)
+        number.fill(value, force=True)
         number.press("Enter")
+
+
+def seen(found):
+    """An element, scrolled to; playwright's own way waits until nothing moves, which a live page does."""
+    found.evaluate("element => element.scrollIntoView({block: 'center'})")
+    return found

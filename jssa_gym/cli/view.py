@@ -1,8 +1,10 @@
 """``jssa-gym view``: a page on which a person is dragged beside a shielded arm."""
 
+import contextlib
+import socket
 import time
 import webbrowser
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.cli.evaluate import find_policies_here
 from jssa_gym.cli.files import writable_folder
 from jssa_gym.cli.film import EVERY, film
 from jssa_gym.cli.names import POLICY, ROBOT, TASK
@@ -61,6 +64,7 @@ class ViewCommand:
     def run(self) -> None:
         """Build, open, stay."""
         door = Door(self.host, self.token)
+        find_policies_here([self.policy])
         choices = Choices(
             task=self.task,
             robot=self.robot,
@@ -69,15 +73,19 @@ class ViewCommand:
             shields=tuple(ShieldChoice(name) for name in self.shields),
             seed=self.seed,
         )
-        page_class = require_page()
+        page_class, listen = require_page()
         writable_folder(self.out)
+        with contextlib.closing(listen(self.host, self.port)) as listening:
+            session = Session(choices)
+            session.step()  # compiles, before anybody waits for it
+            session.snapshot()
+            session.reset()
+            page = page_class(session, door, listening, Shelf(self.out, _pictures))
+            self._stay(page)
+
+    def _stay(self, page: "Page") -> None:
+        """Until Ctrl-C."""
         console = Terminal(stderr=True)
-        console.say("building the scene ...")
-        session = Session(choices)
-        session.step()  # compiles, before anybody waits for it
-        session.snapshot()
-        session.reset()
-        page = page_class(session, door, self.port, Shelf(self.out, _pictures))
         page.start()
         console.say(f"open {page.server.address}")
         if self.open:
@@ -91,20 +99,21 @@ class ViewCommand:
             page.close()
 
 
-def require_page() -> type["Page"]:
-    """The page's class, before long work for it.
+def require_page() -> tuple[type["Page"], Callable[[str, int], socket.socket]]:
+    """The page's class and what makes its socket, before long work for it.
 
     Raises:
         MissingExtraError: viser is not installed.
     """
     try:
         from jssa_gym.viewer.page import Page
+        from jssa_gym.viewer.server import listen
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             f"the page needs the extra 'viewer' ({error.name} is missing): pip install 'jssa-gym[viewer]', or pip "
             "install -e '.[viewer]' in a clone"
         ) from error
-    return Page
+    return Page, listen
 
 
 def _pictures(traces: Sequence[Trace], robot: RobotModel) -> tuple[Iterable[NDArray[np.uint8]], int]:

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -50,20 +51,19 @@ class Page:
     Args:
         session: What is played.
         door: Who may come in.
-        port: Where it listens; 0 for any that is free.
+        listening: Its socket, of :func:`~jssa_gym.viewer.server.listen`.
         shelf: Where films and episodes are kept.
 
     Raises:
-        ParameterError: Nothing can listen there.
         InterfaceError: This version of viser cannot be guarded.
     """
 
-    def __init__(self, session: Session, door: Door, port: int, shelf: Shelf) -> None:
+    def __init__(self, session: Session, door: Door, listening: socket.socket, shelf: Shelf) -> None:
         self._shelf = shelf
         self._robot = session.robot
         self.runner = Runner(session)
         self._speech = Speech()
-        self.server = Server(door, self._speech, port)
+        self.server = Server(door, self._speech, listening)
         self._viser = self.server.viser
         self.sent = 0
         """Times that the scene was sent."""
@@ -99,6 +99,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.set_panel_label("jssa-gym view")
         self._status = gui.add_markdown("")
+        self._told = gui.add_markdown("")
         self._ribbon = gui.add_image(np.full((24, 256, 3), 235, np.uint8), format="png")
         self.panel = ControlPanel(gui, self._speech, self.runner.submit, self.runner.snapshot.choices)
         with gui.add_folder("Keep"):
@@ -175,8 +176,9 @@ class Page:
         clock = f"**{snapshot.time:.1f} s** ({state}{slow})"
         if snapshot.recording is not None:
             clock += f" **recording {snapshot.recording:.1f} s**"
+        self._status.content = "\n\n".join([clock, *lines])
         news = snapshot.message or self._news
-        self._status.content = "\n\n".join([clock, *lines, *([f"⚠ {_plain(news)}"] if news else [])])
+        self._told.content = f"⚠ {_plain(news)}" if snapshot.message else f"*{_plain(news)}*" if news else ""
 
     # ---- films and episodes ----------------------------------------------------------------------------
 
@@ -248,9 +250,9 @@ def _says(view: ArmView, several: bool) -> str:
     if view.moving_contacts:
         touched += f" **{view.moving_contacts * DT:.2f} s in contact while it moved**"
     promise = f"promise holds: {view.promise}" if view.promised else f"**promise off**: {view.promise}"
-    reason = f" ({_plain(view.reason)})" if view.reason else ""
+    reason = _plain(view.reason) or "–"
     return (
-        f'**{_plain(view.name)}** <span style="color:{colour}">⬤</span> {WORDS[view.status]}{reason}  \n'
+        f'**{_plain(view.name)}** <span style="color:{colour}">⬤</span> {WORDS[view.status]}  \n{reason}  \n'
         f"{distance}{least}{touched}  \n{promise}"
     )
 

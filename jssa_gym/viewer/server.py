@@ -44,14 +44,13 @@ class Server:
     Args:
         door: Who may come in.
         speech: What their messages may be.
-        port: Where it listens; 0 for any that is free.
+        listening: Its socket, of :func:`listen`; closed with the server.
 
     Raises:
-        ParameterError: Nothing can listen there.
         InterfaceError: This version of viser cannot be guarded.
     """
 
-    def __init__(self, door: Door, speech: Speech, port: int) -> None:
+    def __init__(self, door: Door, speech: Speech, listening: socket.socket) -> None:
         self.door, self.speech, self.wheel = door, speech, Wheel()
         self.refused = 0
         """Messages that changed nothing."""
@@ -60,7 +59,6 @@ class Server:
         self.on_change: Callable[[], None] = lambda: None
         """Called, in the server's thread, when somebody comes or goes."""
         self._visits = 0
-        listening = _listening(door.host, port)
         self.port: int = listening.getsockname()[1]
         self._cookie = f"jssa_gym_{self.port}"
         self.viser = self._guarded(listening)
@@ -214,8 +212,16 @@ def _told(status: HTTPStatus, text: str) -> Response:
     return Response(status.value, status.phrase, headers, body)
 
 
-def _listening(host: str, port: int) -> socket.socket:
-    """A socket that listens there, and nowhere else."""
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that listens there, and nowhere else.
+
+    Args:
+        host: Address or name of this machine.
+        port: 0 for any that is free.
+
+    Raises:
+        ParameterError: Nothing can.
+    """
     if not 0 <= port <= 65535:
         raise ParameterError(f"port has to be between 0 and 65535, got {port}")
     try:

@@ -19,13 +19,16 @@ def open_page(tmp_path):
     pytest.importorskip("viser", reason="the extra 'viewer' is not installed")
     from jssa_gym.viewer.gate import Door
     from jssa_gym.viewer.page import Page
+    from jssa_gym.viewer.server import listen
     from jssa_gym.viewer.session import Session
     from jssa_gym.viewer.shelf import Shelf
 
     with ExitStack() as closing:
 
         def make(choices, film=no_film, door=None):
-            page = Page(Session(choices), door or Door(), 0, Shelf(tmp_path / "kept", film))
+            page = Page(
+                Session(choices), door or Door(), listen((door or Door()).host, 0), Shelf(tmp_path / "kept", film)
+            )
             closing.callback(page.close)
             page.start()
             return page

@@ -1,6 +1,5 @@
 """The page in a real browser, as a visitor sees and uses it."""
 
-
 import numpy as np
 import pytest
 from pages import eventually
@@ -72,7 +71,7 @@ def test_a_hand_is_dragged_by_itself(open_page, visit, quick):
     people = page.runner.snapshot.people
     hand = people.names.index("left_arm")  # on the side of the camera
     middle = 0.4 * people.start[hand] + 0.6 * people.end[hand]
-    tab.drag(middle, middle + [-0.15, 0.0, 0.25])
+    tab.drag(middle, middle + np.array([-0.15, 0.0, 0.25]))
     eventually(lambda: page.runner.snapshot.people.end[hand, 2] > people.end[hand, 2] + 0.1, what="the hand to come")
     np.testing.assert_allclose(root(page), people.start[people.names.index("core_body")] * [1.0, 1.0, 0.0], atol=1e-9)
     tab.tab.mouse.up()
@@ -100,14 +99,13 @@ def test_switches_change_what_they_say_and_two_shields_differ(open_page, visit, 
     eventually(lambda: len(page.runner.snapshot.arms) == 2)
     eventually(lambda: len(tab.distances()) == 2)
     eventually(lambda: "no verified stop" in tab.text)
-    start, aside = root(page), np.array([0.0, 1.3, 0.0])
+    start = root(page)
     page.runner.submit(lambda session: session.drag("core_body", (0.75, 0.0)))
     eventually(lambda: root(page)[0] < start[0] - 0.6)
     one, other = page.runner.snapshot.arms
     assert not np.allclose(one.position, other.position, atol=0.05)
     assert one.moving_contacts == 0
     eventually(lambda: len(set(tab.distances())) == 2, what="two distances")
-    assert aside[1] > 0.0
     tab.tick("speed clamped")
     eventually(lambda: "promise off: the person may be faster than assumed" in tab.text)
     tab.set("λ₁ [m·s]", "1.5")
@@ -115,7 +113,7 @@ def test_switches_change_what_they_say_and_two_shields_differ(open_page, visit, 
 
 
 def test_films_and_episodes_are_recorded_handed_over_and_scrubbed(open_page, visit, quick, tmp_path):
-    page = open_page(Choices(shields=(ShieldChoice("yield"),)), film=_pictures)
+    page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)), film=_pictures)
     tab = visit(page)
     tab.press("record a film")
     eventually(lambda: (page.runner.snapshot.recording or 0.0) > 0.4)
@@ -131,17 +129,17 @@ def test_films_and_episodes_are_recorded_handed_over_and_scrubbed(open_page, vis
     eventually(lambda: "episode-yield-001.npz" in page._episode.options)
     tab.pick("episode", "episode-yield-001.npz")
     eventually(lambda: "saved episode" in tab.text)
-    length = page._playback.length
-    tab.set("time [s]", "0.4")
-    eventually(lambda: "0.4 s" in tab.text)
-    assert length > 0.4
+    assert page._playback.length > 0.4
+    tab.set("time [s]", "0.2")
+    eventually(lambda: "0.2 s (saved episode)" in tab.text)
     tab.pick("episode", "live")
     eventually(lambda: page._playback is None)
     number = page.runner.snapshot.number
     eventually(lambda: page.runner.snapshot.number > number)
 
 
-def test_two_tabs_show_the_same_and_the_second_watches(open_page, visit, quick):
+def test_two_tabs_show_the_same_and_the_second_watches(open_page, visit, quick, monkeypatch):
+    monkeypatch.setattr("jssa_gym.viewer.gate.RELIEVED", 1e9)  # a busy machine may take longer than a driver
     page = open_page(Choices(shields=(ShieldChoice("yield"),)))
     driver, watcher = visit(page), visit(page)
     watcher.tick("pause")

@@ -21,7 +21,7 @@ import jssa_gym.viewer.server as guarded
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.viewer.choices import Choices, ShieldChoice
 from jssa_gym.viewer.gate import LARGEST, Door, Speech
-from jssa_gym.viewer.server import MOST_VISITORS, Server
+from jssa_gym.viewer.server import MOST_VISITORS, Server, listen
 
 TOKEN = "a-token-of-twenty-ch"
 CAMERA = {
@@ -72,7 +72,7 @@ def heard_out(connection):
 
 @pytest.fixture
 def server():
-    made = Server(Door(), Speech(), 0)
+    made = Server(Door(), Speech(), listen("127.0.0.1", 0))
     yield made
     made.close()
 
@@ -117,7 +117,7 @@ def test_headers_that_are_there_twice_are_refused(server):
 
 
 def test_with_a_token_nobody_comes_in_without_it():
-    server = Server(Door(token=TOKEN), Speech(), 0)
+    server = Server(Door(token=TOKEN), Speech(), listen("127.0.0.1", 0))
     try:
         assert server.address.endswith(f"/?token={TOKEN}")
         for path in ("/", "/index.html", "/?token=another-one-of-them"):
@@ -140,9 +140,9 @@ def test_with_a_token_nobody_comes_in_without_it():
 
 def test_a_port_that_is_taken_is_said(server):
     with pytest.raises(ParameterError, match=f"port {server.port}"):
-        Server(Door(), Speech(), server.port)
+        listen("127.0.0.1", server.port)
     with pytest.raises(ParameterError, match="between 0 and 65535"):
-        Server(Door(), Speech(), 70000)
+        listen("127.0.0.1", 70000)
 
 
 def test_a_viser_that_cannot_be_guarded_is_not_opened(monkeypatch):
@@ -157,14 +157,16 @@ def test_a_viser_that_cannot_be_guarded_is_not_opened(monkeypatch):
                 super().__init__(host, 0, **others)
 
     monkeypatch.setattr(guarded.viser, "ViserServer", Otherwise)
+    listening = listen("127.0.0.1", 0)
     with pytest.raises(InterfaceError, match="cannot be guarded"):
-        Server(Door(), Speech(), 0)
+        Server(Door(), Speech(), listening)
 
 
 def test_a_door_that_lets_everybody_in_is_noticed(monkeypatch):
     monkeypatch.setattr(Door, "refusal", lambda self, headers, websocket: "")
+    listening = listen("127.0.0.1", 0)
     with pytest.raises(InterfaceError, match="lets in"):
-        Server(Door(), Speech(), 0)
+        Server(Door(), Speech(), listening)
 
 
 # ---- messages ------------------------------------------------------------------------------------------
