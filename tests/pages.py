@@ -12,6 +12,9 @@ SIZE = {"width": 700, "height": 440}
 PATIENCE = 60.0
 """Of what a busy machine may take [s]."""
 
+TOLD = "/distance [+-]/.test(document.body.innerText)"
+"""That a page shows what is."""
+
 
 def eventually(check, patience=PATIENCE, what="it"):
     """What a check returns as soon as it is true."""
@@ -37,7 +40,7 @@ class Tab:
         self.tab.on("pageerror", lambda error: self.failures.append(str(error)))
         begin = time.perf_counter()
         self.tab.goto(page.server.address)
-        self.tab.wait_for_selector("text=distance", timeout=1e3 * PATIENCE)
+        self.tab.wait_for_function(TOLD, timeout=2e3 * PATIENCE)
         self.opened = time.perf_counter() - begin
 
     @property

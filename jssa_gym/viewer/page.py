@@ -38,6 +38,12 @@ _TOLD = 0.2
 _DRAWN = 0.25
 """Curves are [s]."""
 
+_CAMERAS = {
+    1: ((-2.5, -2.9, 2.8), (0.65, 0.0, 0.95)),
+    2: ((-5.2, 0.0, 3.9), (0.6, 0.0, 0.75)),
+}
+"""Place and what is looked at [m], by the number of arms: of two from behind, so that both are as large."""
+
 _LIVE = "live"
 """What is shown unless a saved episode is opened."""
 
@@ -93,8 +99,9 @@ class Page:
 
     def _set_up(self) -> None:
         server, gui = self._viser, self._viser.gui
-        camera = server.initial_camera
-        camera.position, camera.look_at, camera.fov = (-2.4, -3.0, 2.9), (0.6, 0.0, 0.95), math.radians(40.0)
+        self._framed = 0
+        server.initial_camera.fov = math.radians(40.0)
+        self._look_at(len(self.runner.snapshot.arms))
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
         gui.set_panel_label("jssa-gym view")
@@ -116,6 +123,14 @@ class Page:
             self._charts = Charts(gui)
         self._visitors = gui.add_markdown("")
         self.picture = Picture(server, self._speech, self._drag)
+
+    def _look_at(self, arms: int) -> None:
+        """Put everybody's camera where all arms are in sight, when there are more or fewer of them."""
+        if arms != self._framed:
+            self._framed = arms
+            place, towards = _CAMERAS[arms]
+            for camera in (self._viser.initial_camera, *(one.camera for one in self._viser.get_clients().values())):
+                camera.position, camera.look_at = place, towards
 
     def _drag(self, part: str, place: tuple[float, ...]) -> None:
         self.runner.submit(lambda session: session.drag(part, place))
@@ -152,6 +167,7 @@ class Page:
                 playback = self._playback
                 snapshot = live if playback is None else playback.at(self._scrub)
                 robot = self._robot if playback is None else playback.robot
+                self._look_at(len(snapshot.arms))
                 self.sent += self.picture.show(snapshot, robot, self.panel.layers)
                 if now - told >= _TOLD:
                     told = now

@@ -143,7 +143,7 @@ class SceneryOfArm:
         clothes = np.array([_CLOTHES.get(part, _CLOTH) for part in people.names]).reshape(-1, 3)
         self.people = CapsuleBatch(server, f"{name}/people", clothes) if len(clothes) else None
         self._reach = (
-            CapsuleBatch(server, f"{name}/reach", np.tile(_REACH, (len(clothes), 1)), 0.13) if len(clothes) else None
+            CapsuleBatch(server, f"{name}/reach", np.tile(_REACH, (len(clothes), 1)), 0.16) if len(clothes) else None
         )
         self._stop: CapsuleBatch | None = None
         self._server = server
@@ -232,7 +232,8 @@ class Picture:
         self._grabs: dict[int, tuple[float, Array]] = {}
         """By visitor: height of the point that was grabbed, and from there to what is moved [m]."""
         server.scene.world_axes.visible = False
-        server.scene.add_grid("/floor", 16.0, 16.0, cell_size=0.5, section_size=1.0, shadow_opacity=0.0)
+        server.scene.add_grid("/floor", 16.0, 16.0, cell_size=0.5, section_size=1.0, cell_color=(232, 234, 238),
+                              section_color=(214, 217, 222), shadow_opacity=0.0)  # fmt: skip
 
     def show(self, snapshot: Snapshot, robot: RobotModel, layers: set[str]) -> bool:
         """A moment; whether anything was sent."""
