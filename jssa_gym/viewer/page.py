@@ -40,7 +40,7 @@ _DRAWN = 0.25
 
 _CAMERAS = {
     1: ((-2.5, -2.9, 2.8), (0.65, 0.0, 0.95)),
-    2: ((-5.2, 0.0, 3.9), (0.6, 0.0, 0.75)),
+    2: ((-4.6, 0.0, 3.2), (0.6, 0.0, 0.95)),
 }
 """Place and what is looked at [m], by the number of arms: of two from behind, so that both are as large."""
 
