@@ -81,7 +81,7 @@ def cost(session: Session, page: Page) -> tuple[float, float, float]:
     """Processor time of a control step of all arms, of a snapshot and of sending a scene [s]."""
 
     def send() -> None:
-        page.picture.show(session.snapshot()._replace(number=-next(_numbers)), session.robot, set(SHOWN))
+        page.picture.show(session.snapshot()._replace(number=-next(_numbers)), set(SHOWN))
 
     parts = []
     for work, count in (

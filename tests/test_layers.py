@@ -48,7 +48,7 @@ HEAVY = {
 
 WHOLLY_HEAVY = (
     *("train.learner", "train.loop", "train.state"),
-    *(f"viewer.{name}" for name in ("charts", "page", "panel", "scene", "server", "shapes")),
+    *(f"viewer.{name}" for name in ("capsules", "charts", "page", "panel", "scene", "server", "shapes")),
 )
 """Modules that import such libraries at once, and are themselves imported by others inside functions only."""
 

@@ -24,6 +24,7 @@ from jssa_gym.viewer.scene import Picture
 from jssa_gym.viewer.server import Server
 from jssa_gym.viewer.session import Session
 from jssa_gym.viewer.shelf import Shelf
+from jssa_gym.viewer.side import LONGEST
 from jssa_gym.viewer.snapshot import ArmView, Snapshot
 from jssa_gym.viewer.words import COLOURS, WORDS
 
@@ -47,9 +48,6 @@ _CAMERAS = {
 _LIVE = "live"
 """What is shown unless a saved episode is opened."""
 
-_LONGEST_FILM = 60.0
-"""A film ends by itself after so long [s]."""
-
 
 class Page:
     """A session on a page.
@@ -66,7 +64,6 @@ class Page:
 
     def __init__(self, session: Session, door: Door, listening: socket.socket, shelf: Shelf) -> None:
         self._shelf = shelf
-        self._robot = session.robot
         self.runner = Runner(session)
         self._speech = Speech()
         self.server = Server(door, self._speech, listening)
@@ -74,7 +71,7 @@ class Page:
         self.sent = 0
         """Times that the scene was sent."""
         self._playback: Playback | None = None
-        self._scrub = 0.0
+        self._scrub, self._rolled = 0.0, 0
         self._over = threading.Event()
         self._news = ""
         self._set_up()
@@ -160,15 +157,15 @@ class Page:
 
     def _run(self) -> None:
         due = told = drawn = 0.0
+        failed = ""
         while not self._over.is_set():
             now = time.perf_counter()
             try:
                 live = self.runner.snapshot
                 playback = self._playback
                 snapshot = live if playback is None else playback.at(self._scrub)
-                robot = self._robot if playback is None else playback.robot
                 self._look_at(len(snapshot.arms))
-                self.sent += self.picture.show(snapshot, robot, self.panel.layers)
+                self.sent += self.picture.show(snapshot, self.panel.layers)
                 if now - told >= _TOLD:
                     told = now
                     self._tell(snapshot)
@@ -177,19 +174,24 @@ class Page:
                     drawn = now
                     self._charts.show(snapshot)
                     self._ribbon.image = ribbon(snapshot, COLOURS)
-                if live.recording is not None and live.recording >= _LONGEST_FILM:
+                if live.recording is not None and live.recording >= LONGEST - DT:
                     self._toggle_film()
-            except Exception:  # whatever goes wrong with showing, the page goes on
-                _logger.exception("a moment was not shown")
+            except Exception as error:  # whatever goes wrong with showing, the page goes on
+                if (said := f"{type(error).__name__}: {error}") != failed:
+                    failed = said  # once: it may go wrong thirty times a second
+                    _logger.exception("a moment was not shown")
             due = max(due + SENT, now)
             self._over.wait(max(due - time.perf_counter(), 0.001))
 
     def _tell(self, snapshot: Snapshot) -> None:
-        lines = [_says(view, len(snapshot.arms) > 1) for view in snapshot.arms]
+        lines = [_says(view) for view in snapshot.arms]
         state = "saved episode" if snapshot.scrubbed else "paused" if snapshot.paused else f"{snapshot.factor:g} x"
         late = self.runner.punctuality()
         slow = f", slower than asked: {late.rate:.0%}" if late.rate < 0.97 and not snapshot.paused else ""
         clock = f"**{snapshot.time:.1f} s** ({state}{slow})"
+        label = "record a film" if snapshot.recording is None else "end the film"
+        if self._record.label != label:
+            self._record.label = label
         if snapshot.recording is not None:
             clock += f" **recording {snapshot.recording:.1f} s**"
         self._status.content = "\n\n".join([clock, *lines])
@@ -199,12 +201,13 @@ class Page:
     # ---- films and episodes ----------------------------------------------------------------------------
 
     def _toggle_film(self) -> None:
+        if self.runner.snapshot.answered < self._rolled:
+            return  # what was asked for last is still to be done
         if self.runner.snapshot.recording is None:
-            self._record.label = "end the film"
-            self.runner.submit(lambda session: session.roll())
+            self._rolled = self.runner.submit(lambda session: session.roll())
         else:
-            self._record.label = "record a film"
-            self.runner.submit(lambda session: self._keep(self._shelf.keep_film, session.cut(), session.robot))
+            keep = self._shelf.keep_film
+            self._rolled = self.runner.submit(lambda session: self._keep(keep, session.cut(), session.robot))
 
     def _save(self) -> None:
         self.runner.submit(lambda session: self._keep(self._shelf.keep_episodes, session.traces(), session.robot))
@@ -237,8 +240,9 @@ class Page:
             self._playback, self._line.disabled = None, True
             self.runner.submit(lambda session: setattr(session, "paused", False))
             return
+        live = self.runner.snapshot
         try:
-            self._playback = Playback(self._shelf.folder / name, self.runner.snapshot.choices, self._robot)
+            self._playback = Playback(self._shelf.folder / name, live.choices, live.robot)
         except JSSAGymError as error:
             self._news = str(error)
             self._episode.value = _LIVE
@@ -251,7 +255,7 @@ class Page:
         self._scrub = float(value)
 
 
-def _says(view: ArmView, several: bool) -> str:
+def _says(view: ArmView) -> str:
     """An arm in words."""
     colour = "#{:02x}{:02x}{:02x}".format(*COLOURS[view.status])
     distance = "nobody is there" if math.isinf(view.distance) else f"distance **{view.distance:+.3f} m**"

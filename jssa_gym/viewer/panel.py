@@ -9,7 +9,7 @@ from viser._messages import GuiUpdateMessage
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.policies import shipped_policies
-from jssa_gym.robots import MENAGERIE, ROBOTS
+from jssa_gym.robots import ROBOTS
 from jssa_gym.shields import FILTERS, PROFILES, STOP, TASK_SHIELD
 from jssa_gym.viewer.choices import BARE, DRAGGED, Choices, ShieldChoice
 from jssa_gym.viewer.gate import Check, Speech, number, one_of, switch
@@ -95,8 +95,7 @@ class ControlPanel:
     def _what(self, choices: Choices) -> None:
         with self._gui.add_folder("What is played"):
             self._dropdown("task", "task", tuple(TASKS), choices.task, "what the arm is to do")
-            robots = (*ROBOTS, *MENAGERIE)
-            self._dropdown("robot", "robot", robots, choices.robot, "those of Menagerie need the extra 'robots'")
+            self._dropdown("robot", "robot", tuple(ROBOTS), choices.robot, "others by the command's --robot")
             self._dropdown("human", "person", _PEOPLE, choices.human, "dragged by the mouse, or walking by itself")
             policies = (*_POLICIES, *shipped_policies())
             self._dropdown("policy", "policy", policies, choices.policy, "trained ones are always shielded")

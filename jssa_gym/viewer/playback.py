@@ -94,8 +94,8 @@ class Playback:
         )
         return Snapshot(
             answered=0, number=-k - 1, epoch=self.epoch, time=float(trace.time[k]), choices=self._choices,
-            people=people, arms=(view,), paused=True, factor=1.0, clamped=True, recording=None, scrubbed=True,
-            length=self.length, message="",
+            robot=self.robot, people=people, arms=(view,), paused=True, factor=1.0, clamped=True, recording=None,
+            scrubbed=True, length=self.length, message="",
         )  # fmt: skip
 
     def _history(self, k: int) -> History:

@@ -7,12 +7,12 @@ import numpy as np
 import viser
 
 from jssa_gym.envs.world import SCENES, World
-from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Status
+from jssa_gym.viewer.capsules import CapsuleBatch
 from jssa_gym.viewer.choices import DRAGGED
 from jssa_gym.viewer.gate import Speech
 from jssa_gym.viewer.person import HANDS
-from jssa_gym.viewer.shapes import dome, looks, tube, turned_to
+from jssa_gym.viewer.shapes import looks
 from jssa_gym.viewer.snapshot import ArmView, Overlay, Snapshot
 from jssa_gym.viewer.words import COLOURS, WORDS
 
@@ -46,66 +46,6 @@ _STOP, _REACH, _GOAL, _LINE = (213, 94, 0), (86, 180, 233), (0, 158, 115), (204,
 
 Drag = Callable[[str, tuple[float, ...]], None]
 """What a dragged body part does: its name, and where the mouse is on the floor (2,) or in the world (3,) [m]."""
-
-
-class CapsuleBatch:
-    """Capsules that move, stretch and grow: two messages a moment, however many there are.
-
-    Args:
-        server: viser.
-        name: Of the node.
-        colours: One a capsule, shape (k, 3).
-        opacity: Of all; None for solid ones.
-    """
-
-    def __init__(self, server: viser.ViserServer, name: str, colours: Array, opacity: float | None = None) -> None:
-        k = len(colours)
-        self.colours = np.array(colours, np.uint8).reshape(-1, 3)
-        common: dict[str, Any] = {"opacity": opacity, "lod": "off", "cast_shadow": False, "receive_shadow": False}
-        nowhere = np.zeros((k, 3), np.float32)
-        upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (k, 1))
-        self.tubes = server.scene.add_batched_meshes_simple(
-            f"{name}/middle",
-            *tube(),
-            upright,
-            nowhere,
-            batched_scales=nowhere + 1e-6,
-            batched_colors=self.colours,
-            **common,
-        )
-        self.domes = server.scene.add_batched_meshes_simple(
-            f"{name}/ends", *dome(), np.tile(upright, (2, 1)), np.tile(nowhere, (2, 1)),
-            batched_scales=np.tile(nowhere + 1e-6, (2, 1)), batched_colors=np.tile(self.colours, (2, 1)), **common,
-        )  # fmt: skip
-
-    def show(self, start: Array, end: Array, radius: Array) -> None:
-        """Move the capsules: starts and ends (k, 3), radii (k,) [m]."""
-        along = end - start
-        length = np.linalg.norm(along, axis=1)
-        up, down = turned_to(along), turned_to(-along)
-        r = np.asarray(radius, np.float32)
-        self.tubes.batched_positions = start.astype(np.float32)
-        self.tubes.batched_wxyzs = up
-        self.tubes.batched_scales = np.stack([r, r, np.maximum(length, 1e-6)], axis=1).astype(np.float32)
-        self.domes.batched_positions = np.concatenate([start, end]).astype(np.float32)
-        self.domes.batched_wxyzs = np.concatenate([np.where(length[:, None] > 1e-9, down, _DOWN), up])
-        self.domes.batched_scales = np.tile(r[:, None], (2, 3)).astype(np.float32)
-
-    def paint(self, colour: tuple[int, int, int]) -> None:
-        """All in one colour."""
-        if not np.array_equal(self.colours[0], colour):
-            self.colours = np.tile(np.array(colour, np.uint8), (len(self.colours), 1))
-            self.tubes.batched_colors, self.domes.batched_colors = self.colours, np.tile(self.colours, (2, 1))
-
-    def appear(self, visible: bool) -> None:
-        """Show or hide all."""
-        for part in (self.tubes, self.domes):
-            if part.visible != visible:
-                part.visible = visible
-
-
-_DOWN = np.array([0.0, 1.0, 0.0, 0.0], np.float32)
-"""The turn of a sphere's lower half."""
 
 
 class SceneryOfArm:
@@ -225,9 +165,10 @@ class Picture:
     def __init__(self, server: viser.ViserServer, speech: Speech, drag: Drag) -> None:
         self._server, self._speech, self._drag = server, speech, drag
         self._arms: list[SceneryOfArm] = []
-        self._epoch, self._number = -1, -1
+        self._epoch = -1
+        self._shown: tuple[int, int, frozenset[str]] | None = None
+        """Moment, commands until then and layers that were sent last."""
         self._looked: tuple[str, World] | None = None
-        self._layers: set[str] = set()
         self._people: CapsuleSet | None = None
         self._grabs: dict[int, tuple[float, Array]] = {}
         """By visitor: height of the point that was grabbed, and from there to what is moved [m]."""
@@ -235,22 +176,24 @@ class Picture:
         server.scene.add_grid("/floor", 16.0, 16.0, cell_size=0.5, section_size=1.0, cell_color=(232, 234, 238),
                               section_color=(214, 217, 222), shadow_opacity=0.0)  # fmt: skip
 
-    def show(self, snapshot: Snapshot, robot: RobotModel, layers: set[str]) -> bool:
+    def show(self, snapshot: Snapshot, layers: set[str]) -> bool:
         """A moment; whether anything was sent."""
         with self._server.atomic():
+            now = snapshot.number, snapshot.answered, frozenset(layers)
             if snapshot.epoch != self._epoch:
-                self._build(snapshot, robot)
-            elif snapshot.number == self._number and layers == self._layers:
+                self._build(snapshot)
+            elif now == self._shown:
                 return False
-            self._number, self._layers, self._people = snapshot.number, set(layers), snapshot.people
+            self._shown, self._people = now, snapshot.people
             for arm, view in zip(self._arms, snapshot.arms, strict=True):
                 arm.show(view, snapshot.people, layers)
         return True
 
-    def _build(self, snapshot: Snapshot, robot: RobotModel) -> None:
+    def _build(self, snapshot: Snapshot) -> None:
         for name in [f"/arm{k}" for k in range(len(self._arms))]:
             self._server.scene.remove_by_name(name)
         self._speech.nodes.clear()
+        robot = snapshot.robot
         scene = next((name for name, height in SCENES.items() if height == robot.mount[2]), "floor")
         if self._looked is None or self._looked[0] != robot.name:
             self._looked = robot.name, World(robot, scene)

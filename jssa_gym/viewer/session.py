@@ -134,6 +134,7 @@ class Session:
             epoch=self.epoch,
             time=first.base.scene.time,
             choices=self.choices,
+            robot=self.robot,
             people=first.base.scene.human,
             arms=tuple(side.view(self._doubt(side), self.overlays) for side in self._sides),
             paused=self.paused,

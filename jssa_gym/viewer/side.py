@@ -86,7 +86,8 @@ class Side:
             self._curves.append(self._point())
 
     def roll(self) -> None:
-        """Begin a recording for a film, from here on."""
+        """Begin a recording for a film, from here on; one that goes on is forgotten."""
+        self.cut()
         self.take = Recorder(self.env, name=self.shield.name, most=round(LONGEST / DT))
         self.take.begin()
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Status
 from jssa_gym.viewer.choices import Choices
 
@@ -89,6 +90,8 @@ class Snapshot(NamedTuple):
     time: float
     """Of the episode [s]."""
     choices: Choices
+    robot: RobotModel
+    """The arm, where it stands."""
     people: CapsuleSet
     arms: tuple[ArmView, ...]
     paused: bool
