@@ -36,6 +36,10 @@ HEAVY = {
     "ray": ("evaluation.cluster",),
     "matplotlib": ("plots",),
     "av": ("plots",),
+    "viser": ("viewer",),
+    "trimesh": ("viewer",),
+    "msgspec": ("viewer",),
+    "websockets": ("viewer",),
     "mujoco": (
         *("headless", "robots.coverage", "robots.mjcf", "robots.model", "robots.prepare"),
         *("robots.reading", "robots.serial", "envs.drawing", "envs.opengl", "envs.stage"),
@@ -46,7 +50,10 @@ HEAVY = {
 }
 """Where a heavy library may be imported at all, and there only inside functions."""
 
-WHOLLY_HEAVY = ("train.learner", "train.loop", "train.state")
+WHOLLY_HEAVY = (
+    *("train.learner", "train.loop", "train.state"),
+    *(f"viewer.{name}" for name in ("capsules", "charts", "page", "panel", "scene", "server", "shapes")),
+)
 """Modules that import such libraries at once, and are themselves imported by others inside functions only."""
 
 
@@ -204,7 +211,7 @@ def test_the_check_lets_pass_what_is_right(module, source):
 def test_importing_the_package_loads_nothing_heavy_and_registers_the_ids():
     script = (
         "import sys, jssa_gym, gymnasium\n"
-        "heavy = ('torch', 'stable_baselines3', 'osqp', 'matplotlib', 'mujoco', 'numba', 'av', 'scipy')\n"
+        "heavy = ('torch', 'stable_baselines3', 'osqp', 'matplotlib', 'mujoco', 'numba', 'av', 'scipy', 'viser')\n"
         "print([name for name in heavy if name in sys.modules])\n"
         "print(sorted(name for name in gymnasium.registry if name.startswith('jssa_gym/')))\n"
     )

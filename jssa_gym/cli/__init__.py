@@ -20,11 +20,13 @@ from jssa_gym.cli.reproduce import Reproduce
 from jssa_gym.cli.robot import RobotCommand
 from jssa_gym.cli.stress import Stress
 from jssa_gym.cli.train import Train
+from jssa_gym.cli.view import ViewCommand
 from jssa_gym.evaluation.ledger import package_version
 from jssa_gym.exceptions import JSSAGymError
 
 Command = Annotated[
     Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[ViewCommand, tyro.conf.subcommand("view")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Certify, tyro.conf.subcommand("certify")]
     | Annotated[Stress, tyro.conf.subcommand("stress")]

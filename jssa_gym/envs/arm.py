@@ -263,6 +263,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._around.closest
 
     @property
+    def line(self) -> tuple[Array, Array] | None:
+        """Axis points of the closest robot-human pair, robot's first, shape (3,) [m] each; None without a human."""
+        line = self._around.line
+        return None if line is None else (line[0].copy(), line[1].copy())
+
+    @property
     def goal(self) -> Array:
         """The task's goal at present; a copy."""
         return self._goal.copy()

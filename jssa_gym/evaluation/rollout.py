@@ -1,6 +1,8 @@
 """One episode, recorded."""
 
 import time
+from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -64,6 +66,98 @@ def _setting(base: Any) -> dict[str, Any]:
     }
 
 
+class Recorder:
+    """Takes down an episode of an environment, a row a control step, and how long its shield's decisions take.
+
+    Args:
+        env: An :class:`~jssa_gym.envs.ArmEnv`, wrapped or not.
+        name: Of the traces.
+        most: Only the last so many steps are kept; None for all.
+    """
+
+    def __init__(self, env: gym.Env, name: str = "", most: int | None = None) -> None:
+        self._base: Any = env.unwrapped
+        self._shield = shield_of(env)
+        self._watch: _Stopwatch | None = None
+        if self._shield is not None:
+            self._watch = _Stopwatch(self._shield.filter)
+            self._shield.filter = self._watch
+        self._name = name
+        self._rows: deque[dict[str, Any]] = deque(maxlen=most)
+        self._once: dict[str, Any] = {}
+
+    def __len__(self) -> int:
+        """Steps that are kept."""
+        return len(self._rows)
+
+    def begin(self) -> None:
+        """A new episode begins here, after the environment's ``reset``, or in the midst of one."""
+        self._rows.clear()
+        self._once = _setting(self._base)
+        self._start = float(self._base.scene.time)
+
+    def take(self, reward: float, info: Mapping[str, Any]) -> None:
+        """Take down the step that was just done.
+
+        Args:
+            reward: Of the step.
+            info: What the environment says of it.
+        """
+        base, watch = self._base, self._watch
+        if len(self._rows) == self._rows.maxlen:
+            self._forget_first()
+        scene, closest = base.scene, base.closest
+        decision = None if self._shield is None else self._shield.last_decision
+        self._rows.append(
+            {
+                "time": scene.time,
+                "position": scene.robot.position,
+                "velocity": scene.robot.velocity,
+                "acceleration": scene.robot.acceleration,
+                "jerk": info["jerk"],
+                "nominal": info["jerk"] if decision is None else decision.nominal,
+                "goal": base.goal.ravel(),
+                "reward": reward,
+                "success": info["success"],
+                "limit_violation": info["limit_violation"],
+                "distance": closest.distance,
+                "speed": closest.rate,
+                "acceleration_of_distance": closest.curvature,
+                "pair": (closest.robot, closest.human),
+                "contact": info["contact"],
+                "contact_speed": info["contact_speed"],
+                "status": info.get("shield/status", int(Status.NOMINAL)),
+                "reason": info.get("shield/reason", ""),
+                "intervened": info.get("shield/intervened", False),
+                "correction": info.get("shield/correction", np.nan),
+                "phi": info.get("shield/phi", np.nan),
+                "slack": info.get("shield/slack", np.nan),
+                **{name: info[f"shield/{name}"] for name in LATER if f"shield/{name}" in info},
+                "shield_time": np.nan if watch is None else watch.elapsed,
+                "human_start": scene.human.start,
+                "human_end": scene.human.end,
+            }
+        )
+
+    def _forget_first(self) -> None:
+        """What the first step led to is what the others begin with."""
+        row = self._rows.popleft()
+        self._once["initial_state"] = np.array([row[name] for name in ("position", "velocity", "acceleration")])
+        self._once["initial_human"] = np.array([row["human_start"], row["human_end"]])
+        self._start = row["time"]
+
+    def trace(self, ended: str = "running") -> Trace:
+        """What was taken down since the beginning, or of the last steps; times count from there."""
+        once = {"name": self._name, "ended": ended, **self._once}
+        rows = self._rows if self._start == 0.0 else [{**row, "time": row["time"] - self._start} for row in self._rows]
+        return trace_of(once, list(rows))
+
+    def close(self) -> None:
+        """Leave the shield alone again."""
+        if self._shield is not None and self._watch is not None:
+            self._shield.filter = self._watch.timed
+
+
 def rollout(
     env: gym.Env,
     policy: Policy,
@@ -83,55 +177,17 @@ def rollout(
         steps: At most so many.
         name: Of the trace.
     """
-    base: Any = env.unwrapped
-    shield = shield_of(env)
-    watch = None
-    if shield is not None:
-        watch = _Stopwatch(shield.filter)
-        shield.filter = watch
+    recorder, ended = Recorder(env, name), "running"
     try:
         observation, _ = env.reset(seed=seed, options=options)
-        once: dict[str, Any] = {"name": name, "ended": "running", **_setting(base)}
-        rows: list[dict[str, Any]] = []
+        recorder.begin()
         for _ in range(steps):
             action = policy(observation)
             observation, reward, terminated, truncated, info = env.step(action)
-            scene, closest = base.scene, base.closest
-            decision = None if shield is None else shield.last_decision
-            rows.append(
-                {
-                    "time": scene.time,
-                    "position": scene.robot.position,
-                    "velocity": scene.robot.velocity,
-                    "acceleration": scene.robot.acceleration,
-                    "jerk": info["jerk"],
-                    "nominal": info["jerk"] if decision is None else decision.nominal,
-                    "goal": base.goal.ravel(),
-                    "reward": float(reward),
-                    "success": info["success"],
-                    "limit_violation": info["limit_violation"],
-                    "distance": closest.distance,
-                    "speed": closest.rate,
-                    "acceleration_of_distance": closest.curvature,
-                    "pair": (closest.robot, closest.human),
-                    "contact": info["contact"],
-                    "contact_speed": info["contact_speed"],
-                    "status": info.get("shield/status", int(Status.NOMINAL)),
-                    "reason": info.get("shield/reason", ""),
-                    "intervened": info.get("shield/intervened", False),
-                    "correction": info.get("shield/correction", np.nan),
-                    "phi": info.get("shield/phi", np.nan),
-                    "slack": info.get("shield/slack", np.nan),
-                    **{name: info[f"shield/{name}"] for name in LATER if f"shield/{name}" in info},
-                    "shield_time": np.nan if watch is None else watch.elapsed,
-                    "human_start": scene.human.start,
-                    "human_end": scene.human.end,
-                }
-            )
+            recorder.take(float(reward), info)
             if terminated or truncated:
-                once["ended"] = "terminated" if terminated else "truncated"
+                ended = "terminated" if terminated else "truncated"
                 break
     finally:
-        if shield is not None and watch is not None:
-            shield.filter = watch.timed
-    return trace_of(once, rows)
+        recorder.close()
+    return recorder.trace(ended)

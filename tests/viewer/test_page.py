@@ -1,0 +1,78 @@
+"""What the page is sent, without a browser."""
+
+import pytest
+from pages import eventually
+
+pytest.importorskip("viser", reason="the extra 'viewer' is not installed")
+
+from jssa_gym.viewer.choices import BARE, Choices, ShieldChoice
+
+
+def quiet(caplog):
+    """Whether nothing went wrong in any thread."""
+    return [record.getMessage() for record in caplog.records if record.levelname in ("ERROR", "CRITICAL")] == []
+
+
+def nodes(page):
+    return set(page.server.viser.scene._handle_from_node_name)
+
+
+def test_the_scene_follows_what_is_played(open_page, caplog):
+    page = open_page(Choices(shields=(ShieldChoice("yield"),)))
+    eventually(lambda: page.sent > 5)
+    assert "/arm0/people/middle" in nodes(page)
+    assert "/arm1" not in nodes(page)
+    page.runner.submit(lambda session: session.choose(Choices(shields=(ShieldChoice("yield"), ShieldChoice(BARE)))))
+    eventually(lambda: "/arm1/people/middle" in nodes(page))
+    both = {f"/arm{k}/people/{part}" for k in (0, 1) for part in ("middle", "ends")}
+    eventually(lambda: set(page._speech.nodes) == both)
+    page.runner.submit(lambda session: session.choose(Choices(robot="ur5e", human="none")))
+    eventually(lambda: page.picture._looked[0] == "ur5e")
+    eventually(lambda: "/arm1" not in nodes(page))
+    assert not any(name.startswith("/arm0/people") for name in nodes(page))
+    eventually(lambda: page._speech.nodes == {})  # nobody to drag
+    sent = page.sent
+    eventually(lambda: page.sent > sent + 5)
+    assert quiet(caplog)
+
+
+def test_overlays_appear_while_it_is_paused_too(open_page, caplog):
+    page = open_page(Choices(shields=(ShieldChoice("yield"),)))
+    page.runner.submit(lambda session: setattr(session, "paused", True))
+    eventually(lambda: page.runner.snapshot.paused and page.sent)
+    page.panel._layer("stop", True)
+    page.panel._layer("reach", True)
+    scene = page.server.viser.scene
+    eventually(lambda: "/arm0/stop/middle" in nodes(page))
+    eventually(lambda: scene.get_handle_by_name("/arm0/reach/middle").visible)
+    page.panel._layer("people", False)
+    eventually(lambda: not scene.get_handle_by_name("/arm0/people/middle").visible)
+    assert quiet(caplog)
+
+
+def test_a_film_ends_by_itself_once(open_page, monkeypatch, caplog):
+    made = []
+    monkeypatch.setattr("jssa_gym.viewer.page.LONGEST", 0.2)
+
+    def film(traces, robot):
+        made.append([len(trace.time) for trace in traces])
+        return iter(()), 25
+
+    page = open_page(Choices(shields=(ShieldChoice("yield"), ShieldChoice("work"))), film=film)
+    page._toggle_film()
+    eventually(lambda: made)
+    eventually(lambda: page.runner.snapshot.recording is None)
+    sent = page.sent
+    eventually(lambda: page.sent > sent + 10)
+    assert len(made) == 1
+    one, other = made[0]
+    assert one == other >= 24
+
+
+def test_what_the_page_says_cannot_be_markup(open_page):
+    page = open_page(Choices(shields=(ShieldChoice("yield"),)))
+    page._news = "<script>alert(1)</script> [a](javascript:x) **b** `c`"
+    eventually(lambda: "script" in page._told.content)
+    for mark in ("<", ">", "[", "]", "*b", "`"):
+        assert page._told.content.count(mark) == page._told.content.count("\\" + mark) or mark == "*b"
+    assert "\\<script\\>" in page._told.content
