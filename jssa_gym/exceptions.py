@@ -33,6 +33,10 @@ class InterfaceError(JSSAGymError, TypeError):
     """An environment does not offer what a shield needs: ``robot``, ``dt`` and ``scene``."""
 
 
+class NotStartedError(JSSAGymError, RuntimeError):
+    """A guard was asked before it was told where the arm rests."""
+
+
 class InfeasibleError(JSSAGymError, ValueError):
     """No motion within the limits does what was asked for; :attr:`shortest` says in which time one would.
 

@@ -17,7 +17,7 @@ LAYERS = (
     ("robots", "humans"),
     ("safety",),
     ("shields", "envs", "control"),
-    ("policies",),
+    ("policies", "guard"),
     ("evaluation",),
     ("train", "paper", "certificate"),
     ("plots",),

@@ -71,6 +71,9 @@ class StepSettings(NamedTuple):
     """Time from a command to the arm's motion [s]."""
     astray: float
     """How far a point of the arm may be from where it is expected [m]."""
+    paced: bool = False
+    """Whether the clock is that of whoever asks for decisions, who asks for one a tick; else it is the scene's, and a
+    scene that has ever lagged is not believed until its clock has caught up with the decisions."""
 
 
 MEMORY = np.dtype(
