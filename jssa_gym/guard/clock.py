@@ -2,9 +2,6 @@
 
 import math
 
-RATES = (50.0, 1000.0)
-"""Ticks a second that a guard can be asked for."""
-
 TOLERANCE = 0.05
 """Share by which ticks may come faster or more slowly than they should, in the mean of about a second."""
 

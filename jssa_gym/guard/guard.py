@@ -11,10 +11,11 @@ import numpy as np
 from jssa_gym.control.commands import Command
 from jssa_gym.control.follower import Follower
 from jssa_gym.control.path import pace_of
+from jssa_gym.envs.options import LONGEST, SHORTEST
 from jssa_gym.envs.world import SCENES, planes_of
 from jssa_gym.exceptions import NotStartedError, ParameterError
 from jssa_gym.guard.answers import Answers, GuardAnswer
-from jssa_gym.guard.clock import RATES, TickRate
+from jssa_gym.guard.clock import TickRate
 from jssa_gym.guard.inputs import Measured, Seen
 from jssa_gym.humans import nobody
 from jssa_gym.robots import RobotModel, make_robot
@@ -82,7 +83,7 @@ class Guard:
         static: CapsuleSet | None = None,
         share: float = 1.0,
     ) -> None:
-        self.dt = number_within("dt", dt, 1.0 / RATES[1], 1.0 / RATES[0])
+        self.dt = number_within("dt", dt, SHORTEST, LONGEST)
         self.robot, self._planes = _placed(make_robot(robot), scene)
         self._static = nobody() if static is None else static
         if isinstance(failsafe, bool):

@@ -1,8 +1,10 @@
 """What a controller passes on of people and joints, as the control step reads it; whatever it is, nothing raises."""
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.types import Array, CapsuleSet, JointState, People
 
@@ -36,10 +38,8 @@ class Seen:
         else:
             return (self._none if people is None else self._odd), self._age, self._all
         if valid is None or type(age) is not np.ndarray:
-            try:
+            with suppress(Exception):  # what this stumbles over the control step refuses in words
                 age, valid = self._filled(human, age), self._whole(human) if valid is None else valid
-            except Exception:  # refused with the capsules, or as they are
-                pass
         return human, age, valid
 
     def _filled(self, human: CapsuleSet, age: Any) -> Any:
@@ -51,7 +51,7 @@ class Seen:
         self._age.fill(float(age))
         return self._age
 
-    def _whole(self, human: CapsuleSet) -> Array:
+    def _whole(self, human: CapsuleSet) -> NDArray[np.bool_]:
         """All of them measured."""
         if len(self._all) != len(human.radius):
             self._all = np.ones(len(human.radius), np.bool_)
@@ -73,9 +73,14 @@ class Measured:
         """A measured state, of which positions may be all."""
         if measured is None:
             return self._none
-        if isinstance(measured, np.ndarray | list | tuple) and not isinstance(measured, JointState):
-            return JointState(measured, self._unknown, self._unknown)  # ty: ignore[invalid-argument-type]
-        return measured
+        if isinstance(measured, JointState):
+            return measured
+        if type(measured) is not np.ndarray:
+            try:
+                measured = np.asarray(measured)
+            except Exception:  # refused as it is
+                return measured
+        return JointState(measured, self._unknown, self._unknown)
 
     def commanded(self, state: Array) -> JointState:
         """The commanded state, shape (3, n), where none is measured."""

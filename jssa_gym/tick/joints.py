@@ -261,7 +261,9 @@ def check_joints(settings, memory, scene, work, e):
         arm["rests"] = begun and at_rest(memory.expected[e])
         if not arm["rests"]:
             replan(settings, memory, work, e)
-    leapt = arm["late"] > 0 and form == 0 and not catch_up(settings, memory, scene.joints[e], work, e)
+    leapt = arm["late"] > 0 and form == 0
+    if leapt and not settings.paced:  # who is asked once a tick commands nothing in between
+        leapt = not catch_up(settings, memory, scene.joints[e], work, e)
     code, ticks = judge(settings, memory, scene, form, e)
     if leapt and code == 0:
         return codes.LEAPT, 0
