@@ -23,7 +23,7 @@ from jssa_gym.humans import make_human, nobody
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.types import People
 
-SHIFT = 2500
+SHIFT = 1000
 """Ticks of a long run beside one person."""
 
 KINDS = ("position", "velocity", "jerk", "tip", "twist", "pose", "stream")
@@ -44,15 +44,16 @@ class Controller:
         rng, n = self._rng, self._robot.n
         if self._left <= 0:
             self._left, self._kind = int(rng.integers(50, 300)), str(rng.choice(self._kinds))
-            self._centre = rng.uniform(self._low, self._high)
-            self._swing, self._rate = 0.3 * rng.uniform(-1, 1, n) * (self._high - self._low), rng.uniform(0.3, 3.0)
+            wide, size = self._high - self._low, rng.choice((0.1, 1.2))
+            self._centre = np.array(self._robot.home) + rng.choice((0.03, 0.5)) * rng.uniform(-1, 1, n) * wide
+            self._swing, self._rate = 0.1 * rng.uniform(-1, 1, n) * wide, rng.uniform(0.3, 3.0)
             limits = self._robot.limits
             self._command = {
                 "position": jssa_gym.JointPosition(self._centre),
-                "velocity": jssa_gym.JointVelocity(rng.uniform(-1.2, 1.2, n) * limits.velocity),
-                "jerk": jssa_gym.JointJerk(rng.uniform(-1.2, 1.2, n) * limits.jerk),
-                "tip": jssa_gym.TipVelocity(rng.uniform(-1, 1, 3)),
-                "twist": jssa_gym.Twist(rng.uniform(-1, 1, 3), rng.uniform(-2, 2, 3)),
+                "velocity": jssa_gym.JointVelocity(size * rng.uniform(-1, 1, n) * limits.velocity),
+                "jerk": jssa_gym.JointJerk(size * rng.uniform(-1, 1, n) * limits.jerk),
+                "tip": jssa_gym.TipVelocity(size * rng.uniform(-1, 1, 3)),
+                "twist": jssa_gym.Twist(size * rng.uniform(-1, 1, 3), rng.uniform(-2, 2, 3)),
                 "pose": jssa_gym.ToolPose(rng.uniform((-0.7, -0.7, 0.7), (0.7, 0.7, 2.0)), _turned(rng)),
                 "stream": None,
             }[self._kind]
@@ -84,16 +85,19 @@ def soak(ticks: int, dt: float, seed: int, humans: list[str], measured: bool) ->
             motion = make_human(humans[k // SHIFT % len(humans)])
             people = motion.reset(rng)
             around.take(people)
-            guard.start(guard.state.position)
-            state[1:] = 0.0
+            state[:] = (robot.home, still, still)
+            guard.start(robot.home)
             around.move(state, still, 0.0)
-        if k == min(2000, ticks // 2):
+        if k == len(humans) * SHIFT:  # everything was met once
             gc.collect()
             tracemalloc.start()
-        if k == min(3000, ticks // 2 + 1):
+        if k == len(humans) * SHIFT + 2000:
             gc.collect()
             tracemalloc.reset_peak()
             first = tracemalloc.get_traced_memory()[0]
+        if k % 100_000 == 0 and first:
+            gc.collect()
+            print(f"after {k:,} ticks {tracemalloc.get_traced_memory()[0] - first:,} B more are kept", flush=True)
         command, seen, now = controller.command(dt), people, stamp
         odd = rng.random()
         if odd < 1e-3:
@@ -122,7 +126,8 @@ def soak(ticks: int, dt: float, seed: int, humans: list[str], measured: bool) ->
         else:
             missed = int(rng.integers(1, 6)) if rng.random() < 5e-4 else 0
             continue_in = dt * (1 + missed + rng.uniform(-0.3, 0.3))
-        people = motion.step(continue_in, around.robot_capsules)
+        if continue_in > 0.0:
+            people = motion.step(continue_in, around.robot_capsules)
         around.take(people)
         _, _, speed, violation = around.move(state, np.array(answer.jerk), dt)
         state[:] = after

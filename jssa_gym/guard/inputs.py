@@ -20,6 +20,9 @@ class _Missing:
             raise AttributeError(name)
         raise ValueError(self._what)
 
+    def __iter__(self) -> Any:
+        raise ValueError(self._what)
+
 
 class Seen:
     """People as :class:`~jssa_gym.types.Scene` has them: capsules, their ages and whether they were measured."""
@@ -75,7 +78,7 @@ class Measured:
             return self._none
         if isinstance(measured, JointState):
             return measured
-        if type(measured) is not np.ndarray:
+        if not isinstance(measured, np.ndarray):
             try:
                 measured = np.asarray(measured)
             except Exception:  # refused as it is
