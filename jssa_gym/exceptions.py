@@ -37,6 +37,10 @@ class NotStartedError(JSSAGymError, RuntimeError):
     """A guard was asked before it was told where the arm rests."""
 
 
+class StreamError(JSSAGymError, RuntimeError):
+    """A robot's own controller does not answer, or does not let its arm move."""
+
+
 class InfeasibleError(JSSAGymError, ValueError):
     """No motion within the limits does what was asked for; :attr:`shortest` says in which time one would.
 

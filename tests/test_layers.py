@@ -21,7 +21,7 @@ LAYERS = (
     ("evaluation",),
     ("train", "paper", "certificate"),
     ("plots",),
-    ("viewer",),
+    ("viewer", "hardware"),
     ("cli",),
     ("__main__",),
 )

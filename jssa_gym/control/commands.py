@@ -66,7 +66,7 @@ class Twist:
     linear: Array
     """Of the tool centre point, world axes, shape (3,) [m/s]."""
     angular: Array
-    """World axes, shape (3,) [rad/s]."""
+    """Of the last link, world axes, shape (3,) [rad/s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +76,7 @@ class ToolPose:
     position: Array
     """Of the tool centre point in the world, shape (3,) [m]."""
     rotation: Array
-    """Of the link that carries it: its axes as columns, world coordinates, shape (3, 3)."""
+    """Of the last link: its axes as columns, world coordinates, shape (3, 3)."""
 
 
 Command = JointJerk | JointVelocity | JointPosition | TipVelocity | Twist | ToolPose

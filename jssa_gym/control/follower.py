@@ -163,7 +163,7 @@ class Follower:
             _take("rotation", command.rotation, self._pose)
             if not cascade.turns(self._pose):
                 raise ValueError("its rotation is no rotation matrix")
-            frame, kp = self._frames[self._tool_link], self._gains[0]
+            frame, kp = self._frames[-1], self._gains[0]
             cascade.lead_to_pose(frame, self._tool, self._place, self._pose, kp, self._most, self._way, twist)
         cascade.resolve(J, twist, DAMPING, self._fastest, square, out)
 

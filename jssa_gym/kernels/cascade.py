@@ -9,8 +9,8 @@ import numpy as np
 from jssa_gym.kernels.chain import forward, jacobian, tool_motion
 from jssa_gym.kernels.jit import jit
 
-HARDNESS = 0.5
-"""Share of the deceleration at hand that braking towards a commanded position counts on: the loops take time too."""
+HARDNESS = 0.4
+"""Share of deceleration and jerk that what is commanded is approached with: the loops take time too."""
 
 OPPOSITE = 1e-9
 """Sine of the angle between two orientations below which they are alike, or half a turn apart."""
@@ -22,6 +22,9 @@ def lead(state, velocity, acceleration, bounds, share, gains, out):
 
     .. math:: v^* = \mathrm{clip}(v),\quad a^* = \mathrm{clip}(a + k_v (v^* - \dot q)),\quad
               u = \mathrm{clip}(k_a (a^* - \ddot q))
+
+    with :math:`k_v` smaller for large errors :math:`e`, such that :math:`k_v e \le \sqrt{2 j e}`: from no more can the
+    acceleration be brought to 0 by the jerk :math:`j` until they are gone.
 
     Args:
         state: Rows position, velocity, acceleration, shape (3, n).
@@ -36,7 +39,9 @@ def lead(state, velocity, acceleration, bounds, share, gains, out):
     for j in range(out.shape[0]):
         fastest, hardest, sharpest = share * bounds[2, j], share * bounds[3, j], bounds[4, j]
         v = min(max(velocity[j], -fastest), fastest)
-        a = min(max(acceleration[j] + kv * (v - state[1, j]), -hardest), hardest)
+        missing = v - state[1, j]
+        gain = np.copysign(min(kv * abs(missing), np.sqrt(2.0 * HARDNESS * sharpest * abs(missing))), missing)
+        a = min(max(acceleration[j] + gain, -hardest), hardest)
         out[j] = min(max(ka * (a - state[2, j]), -sharpest), sharpest)
 
 
@@ -79,10 +84,12 @@ def lead_to_position(state, target, velocity, acceleration, tick, bounds, share,
 def look(links, link, offset, state, frames, tool, J):
     """Where the tool is and how it moves: position and velocity into ``tool`` (2, 3), its Jacobian into ``J`` (6, n).
 
+    It turns with the last link, whichever link its centre point is fixed to.
+
     Args:
         links: Chain geometry, shape (n,) of ``LINK``.
-        link: What carries the tool.
-        offset: Of the tool centre point in that link's frame, shape (3,) [m].
+        link: What the tool centre point is fixed to ...
+        offset: ... and where in that link's frame, shape (3,) [m].
         state: Joint state, shape (3, n).
         frames: Shape (n,) of ``FRAME``.
         tool: Result [m, m/s].
@@ -93,7 +100,7 @@ def look(links, link, offset, state, frames, tool, J):
     jacobian(frames, link, tool[0], J[:3])
     for j in range(J.shape[1]):
         for i in range(3):
-            J[3 + i, j] = frames[j]["axis"][i] if j <= link else 0.0
+            J[3 + i, j] = frames[j]["axis"][i]
 
 
 @jit
@@ -182,7 +189,7 @@ def lead_to_pose(frame, tool, position, rotation, kp, most, way, out):
     """The motion of the tool, into ``out`` (6,), that leads to where it is to be.
 
     Args:
-        frame: Of the link that carries it, one of ``FRAME``.
+        frame: Of the last link, one of ``FRAME``.
         tool: Where it is, first row of (2, 3) [m].
         position: Where it is to be, shape (3,) [m] ...
         rotation: ... and its orientation, shape (3, 3).
