@@ -21,7 +21,7 @@ import jssa_gym
 from jssa_gym.envs.surroundings import Surroundings
 from jssa_gym.humans import make_human, nobody
 from jssa_gym.kernels.motion import integrate
-from jssa_gym.types import People
+from jssa_gym.types import MeasuredPeople
 
 SHIFT = 1000
 """Ticks of a long run beside one person."""
@@ -105,7 +105,7 @@ def soak(ticks: int, dt: float, seed: int, humans: list[str], measured: bool) ->
                 k % 5
             ]
         elif odd < 2e-3:
-            seen = (None, 3, people._replace(start=people.start * np.nan), People(people, np.nan))[k % 4]
+            seen = (None, 3, people._replace(start=people.start * np.nan), MeasuredPeople(people, np.nan))[k % 4]
         elif odd < 2.2e-3:
             now = (float("nan"), "noon", stamp - 0.5 * dt, None)[k % 4]
         joints = None

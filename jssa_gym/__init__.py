@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.safety.tracking import measure_tracking
     from jssa_gym.shields import FILTERS, JSSAOptions, JSSAShield, SafetyFilter, Shield, make_filter
-    from jssa_gym.types import CapsuleSet, Decision, JointState, People, Planes, Scene, Status
+    from jssa_gym.types import CapsuleSet, Decision, JointState, MeasuredPeople, Planes, Scene, Status
 
 __version__ = "0.1.0"
 
@@ -75,8 +75,8 @@ _HOMES = {
     "JointState": "jssa_gym.types",
     "JointVelocity": "jssa_gym.control",
     "LearnedPolicy": "jssa_gym.policies",
+    "MeasuredPeople": "jssa_gym.types",
     "POLICIES": "jssa_gym.policies",
-    "People": "jssa_gym.types",
     "Planes": "jssa_gym.types",
     "ROBOTS": "jssa_gym.robots",
     "RandomPolicy": "jssa_gym.policies",
@@ -137,7 +137,7 @@ __all__ = [
     "JointState",
     "JointVelocity",
     "LearnedPolicy",
-    "People",
+    "MeasuredPeople",
     "Planes",
     "RandomPolicy",
     "RecordSafety",

@@ -90,7 +90,7 @@ class Scene(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class People:
+class MeasuredPeople:
     """Everybody beside the arm as they were measured, for :meth:`jssa_gym.Guard.tick`.
 
     Who there is, by names, order and persons, is settled by the first tick. A capsule that was not measured this time

@@ -16,7 +16,7 @@ from jssa_gym.envs.world import SCENES, planes_of
 from jssa_gym.exceptions import NotStartedError, ParameterError
 from jssa_gym.guard.answers import Answers, GuardAnswer
 from jssa_gym.guard.clock import TickRate
-from jssa_gym.guard.inputs import Measured, Seen
+from jssa_gym.guard.inputs import JointReader, PeopleReader
 from jssa_gym.humans import nobody
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
@@ -25,7 +25,7 @@ from jssa_gym.shields.inplace import InPlace
 from jssa_gym.shields.options import JSSAOptions
 from jssa_gym.shields.profiles import assumptions, profiled_filter
 from jssa_gym.shields.reasons import FAULTS
-from jssa_gym.types import Array, CapsuleSet, JointState, People, Planes, Scene, Status
+from jssa_gym.types import Array, CapsuleSet, JointState, MeasuredPeople, Planes, Scene, Status
 from jssa_gym.validation import number_within, real_array
 
 STATE_TOLERANCE = (1e-3, math.inf, math.inf)
@@ -118,7 +118,7 @@ class Guard:
         self._step = self._unmeasured
         self._follower = Follower(self.robot, self.dt, share)
         self._rate, self._answers = TickRate(self.dt), Answers(self.robot.n)
-        self._seen, self._measured = Seen(), Measured(self.robot.n)
+        self._seen, self._measured = PeopleReader(), JointReader(self.robot.n)
         self._nominal = np.zeros(self.robot.n)
         self._started = self._watched = False
 
@@ -163,7 +163,7 @@ class Guard:
     def tick(
         self,
         command: Command | None,
-        people: People | CapsuleSet | None,
+        people: MeasuredPeople | CapsuleSet | None,
         stamp: float,
         measured: JointState | Array | None = None,
     ) -> GuardAnswer:
@@ -171,7 +171,7 @@ class Guard:
 
         Args:
             command: What the arm should do; None where there is none: the stored stop goes on.
-            people: Everybody beside the arm, as :class:`~jssa_gym.types.People`, or as capsules that were all measured
+            people: Everybody beside the arm, as :class:`~jssa_gym.types.MeasuredPeople`, or as capsules that were all measured
                 at the stamp. None where nobody knows, which is a fault.
             stamp: Time of this tick by a clock that never goes back, such as ``time.monotonic()`` [s].
             measured: Where the joints are, shape (n,) [rad], or their state: compared with the commanded state of the

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.types import Array, CapsuleSet, JointState, People
+from jssa_gym.types import Array, CapsuleSet, JointState, MeasuredPeople
 
 
 class _Missing:
@@ -24,19 +24,19 @@ class _Missing:
         raise ValueError(self._what)
 
 
-class Seen:
-    """People as :class:`~jssa_gym.types.Scene` has them: capsules, their ages and whether they were measured."""
+class PeopleReader:
+    """MeasuredPeople as :class:`~jssa_gym.types.Scene` has them: capsules, their ages and whether they were measured."""
 
     def __init__(self) -> None:
         self._age, self._all = np.zeros(0), np.ones(0, np.bool_)
         self._none = _Missing("there are none in this tick; an empty CapsuleSet says that nobody is there")
-        self._odd = _Missing("they are no People and no CapsuleSet")
+        self._odd = _Missing("they are no MeasuredPeople and no CapsuleSet")
 
     def read(self, people: Any) -> tuple[Any, Any, Any]:
         """Capsules, ages and validity; what cannot be read is for the control step to refuse."""
         if type(people) is CapsuleSet:
             human, age, valid = people, 0.0, None
-        elif type(people) is People:
+        elif type(people) is MeasuredPeople:
             human, age, valid = people.capsules, people.age, people.valid
         else:
             return (self._none if people is None else self._odd), self._age, self._all
@@ -61,7 +61,7 @@ class Seen:
         return self._all
 
 
-class Measured:
+class JointReader:
     """Joint states as :class:`~jssa_gym.types.Scene` has them.
 
     Args:

@@ -72,8 +72,8 @@ class StepSettings(NamedTuple):
     astray: float
     """How far a point of the arm may be from where it is expected [m]."""
     paced: bool = False
-    """Whether the clock is that of whoever asks for decisions, who asks for one a tick; else it is the scene's, and a
-    scene that has ever lagged is not believed until its clock has caught up with the decisions."""
+    """Whether the clock is that of whoever asks for decisions, one a tick, and right while it goes on; else it is the
+    scene's, which is not believed, once it has lagged, until it has caught up with the decisions."""
 
 
 MEMORY = np.dtype(

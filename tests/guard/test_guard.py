@@ -11,7 +11,17 @@ import numpy as np
 import pytest
 
 import jssa_gym
-from jssa_gym import Guard, JointJerk, JointPosition, JointVelocity, JSSAShield, People, Status, TipVelocity, Twist
+from jssa_gym import (
+    Guard,
+    JointJerk,
+    JointPosition,
+    JointVelocity,
+    JSSAShield,
+    MeasuredPeople,
+    Status,
+    TipVelocity,
+    Twist,
+)
 from jssa_gym.exceptions import JSSAGymError, NotStartedError, ParameterError, RobotModelError
 from jssa_gym.humans import make_human, nobody
 from jssa_gym.kernels.motion import integrate
@@ -175,7 +185,7 @@ def test_what_is_no_command_ends_in_the_stored_stop(name):
 
 PEOPLE = {
     "nobody knows": (lambda p: None, "there are none in this tick"),
-    "a word": (lambda p: "Ann", "no People and no CapsuleSet"),
+    "a word": (lambda p: "Ann", "no MeasuredPeople and no CapsuleSet"),
     "not finite": (lambda p: p._replace(start=p.start * np.nan), "not finite"),
     "one more": (lambda p: nobody(), "0 capsules instead of 1"),
     "another name": (lambda p: p._replace(names=("arm",)), "other names"),
@@ -184,13 +194,13 @@ PEOPLE = {
     "no radius": (lambda p: p._replace(radius=np.zeros(1)), "without a radius"),
     "another person": (lambda p: p._replace(person=np.ones(1, np.int64)), "another person"),
     "elsewhere": (lambda p: p._replace(start=p.start - 1.0, end=p.end - 1.0), "jumped"),
-    "an old age": (lambda p: People(p, 0.5), "too old"),
-    "no age": (lambda p: People(p, np.nan), "not finite"),
-    "ages for others": (lambda p: People(p, np.zeros(3)), "shapes do not fit"),
-    "from the future": (lambda p: People(p, -0.1), "from the future"),
-    "an age in words": (lambda p: People(p, "old"), "people cannot be read"),
-    "not seen": (lambda p: People(p, 0.0, np.zeros(1, np.bool_)), "not measured"),
-    "validity in words": (lambda p: People(p, 0.0, "yes"), "people cannot be read"),
+    "an old age": (lambda p: MeasuredPeople(p, 0.5), "too old"),
+    "no age": (lambda p: MeasuredPeople(p, np.nan), "not finite"),
+    "ages for others": (lambda p: MeasuredPeople(p, np.zeros(3)), "shapes do not fit"),
+    "from the future": (lambda p: MeasuredPeople(p, -0.1), "from the future"),
+    "an age in words": (lambda p: MeasuredPeople(p, "old"), "people cannot be read"),
+    "not seen": (lambda p: MeasuredPeople(p, 0.0, np.zeros(1, np.bool_)), "not measured"),
+    "validity in words": (lambda p: MeasuredPeople(p, 0.0, "yes"), "people cannot be read"),
 }
 
 
@@ -211,7 +221,7 @@ def test_a_measurement_ages_with_the_ticks_that_bring_no_new_one():
     guard = started(failsafe={"max_age": 0.1})
     people, reasons = ball(), []
     for k in range(30):  # measured once, and shown again with its age
-        reasons.append(guard.tick(STILL, People(people, k * DT), k * DT).reason)
+        reasons.append(guard.tick(STILL, MeasuredPeople(people, k * DT), k * DT).reason)
     assert reasons[:13] == [""] * 13
     assert "too old" in reasons[13]
 

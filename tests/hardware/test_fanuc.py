@@ -224,7 +224,7 @@ def test_a_drive_that_is_not_where_it_was_commanded_to_be_stops_the_arm(cell):
     one.fake.plant.q_meas[1] += 3.0
     astray = one.run(1)[0]
     assert astray.status == Status.FAULT
-    assert "J2 is 3 degrees from where" in astray.reason
+    assert "J2 is 2.8 degrees from where" in astray.reason
     one.stream.close()
     assert not one.fake.violations
 

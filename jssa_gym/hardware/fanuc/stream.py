@@ -14,7 +14,7 @@ from jssa_gym.hardware.fanuc.axes import LR_MATE, Axes, Tables
 from jssa_gym.hardware.fanuc.link import Link
 from jssa_gym.hardware.fanuc.packets import airo
 from jssa_gym.hardware.fanuc.program import Program
-from jssa_gym.types import Array, CapsuleSet, People
+from jssa_gym.types import Array, CapsuleSet, MeasuredPeople
 from jssa_gym.validation import positive_number
 
 PATIENCE = 1.25
@@ -142,7 +142,7 @@ class FanucStream:
             self._program.reset()
         self.connect(timeout)
 
-    def exchange(self, command: Command | None, people: People | CapsuleSet | None) -> GuardAnswer:
+    def exchange(self, command: Command | None, people: MeasuredPeople | CapsuleSet | None) -> GuardAnswer:
         """Wait for this tick's status packet, ask the guard, send the position; ``people`` as of the packet's arrival.
 
         Raises:
