@@ -123,8 +123,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     **Termination**: what ``terminate_on`` names: ``success``, ``contact``, ``moving_contact`` (the robot's touching
     point faster than 1e-3 m/s) or ``limit_violation``; the default is success and moving contact. A contact with the
-    arm at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s), by ``TimeLimit``; another ``dt``
-    does not change their number, ``gym.make(..., max_episode_steps=...)`` does.
+    arm at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s), by ``TimeLimit``; another
+    ``dt`` does not change their number, ``gym.make(..., max_episode_steps=...)`` does.
 
     **Start**: at rest at home, nobody closer than 0.1 m. ``reset(options={...})`` takes ``joint_position``, ``goal``
     and ``human_start``.

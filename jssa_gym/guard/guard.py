@@ -171,8 +171,8 @@ class Guard:
 
         Args:
             command: What the arm should do; None where there is none: the stored stop goes on.
-            people: Everybody beside the arm, as :class:`~jssa_gym.types.MeasuredPeople`, or as capsules that were all measured
-                at the stamp. None where nobody knows, which is a fault.
+            people: Everybody beside the arm, as :class:`~jssa_gym.types.MeasuredPeople`, or as capsules that were all
+                measured at the stamp. None where nobody knows, which is a fault.
             stamp: Time of this tick by a clock that never goes back, such as ``time.monotonic()`` [s].
             measured: Where the joints are, shape (n,) [rad], or their state: compared with the commanded state of the
                 last answer, within :attr:`state_tolerance`. Who gives one has to give one in each tick from then on.

@@ -25,7 +25,7 @@ class _Missing:
 
 
 class PeopleReader:
-    """MeasuredPeople as :class:`~jssa_gym.types.Scene` has them: capsules, their ages and whether they were measured."""
+    """People as :class:`~jssa_gym.types.Scene` has them: capsules, their ages and whether they were measured."""
 
     def __init__(self) -> None:
         self._age, self._all = np.zeros(0), np.ones(0, np.bool_)

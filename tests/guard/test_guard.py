@@ -4,11 +4,13 @@ import copy
 import gc
 import pickle
 import re
+import runpy
 import tracemalloc
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from places import ROOT
 
 import jssa_gym
 from jssa_gym import (
@@ -532,3 +534,23 @@ def test_robots_that_cannot_be_modelled_are_refused(tmp_path):
     (tmp_path / "arm.xml").write_text("<mujoco/>")
     with pytest.raises(RobotModelError):
         Guard(tmp_path / "arm.xml")
+
+
+def test_what_the_ros_node_does_without_ros():
+    loop = runpy.run_path(str(ROOT / "examples" / "ros2_node.py"))["Loop"]()
+    assert loop.tick(0.0) is None
+    names = ("J6", "J1", "J2", "J3", "J4", "J5")
+    home = loop.guard.robot.home
+    loop.on_joints(names, [home[5], *home[:5]])
+    person = [[2.0, y, 0.3, 2.0, y, 1.5, 0.0, 0.0, 0.0, 0.1, 0.01] for y in (0.0, 0.3, -0.3)]
+    loop.on_people(np.ravel(person).tolist(), 0.0)
+    for k in range(40):
+        loop.on_command(home + 0.2, k * DT)
+        answer = loop.tick(k * DT)
+        loop.on_joints(loop.guard.robot.joint_names, answer.position)
+        assert answer.status != Status.FAULT, answer.reason
+        loop.on_people(np.ravel(person).tolist(), k * DT) if k % 4 == 0 else None
+    for k in range(40, 50):  # the sender has died
+        answer = loop.tick(k * DT)
+        loop.on_joints(loop.guard.robot.joint_names, answer.position)
+    assert answer.reason == "there is no command"

@@ -11,7 +11,7 @@ LARGEST = 2048
 """Bytes of a datagram that are read."""
 
 
-class Link(Protocol):
+class Channel(Protocol):
     """What :class:`~jssa_gym.hardware.fanuc.FanucStream` talks through."""
 
     def send(self, packet: bytes) -> None:

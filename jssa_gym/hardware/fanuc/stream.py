@@ -11,7 +11,7 @@ from jssa_gym.control.commands import Command
 from jssa_gym.exceptions import ParameterError, StreamError
 from jssa_gym.guard import Guard, GuardAnswer
 from jssa_gym.hardware.fanuc.axes import LR_MATE, Axes, Tables
-from jssa_gym.hardware.fanuc.link import Link
+from jssa_gym.hardware.fanuc.link import Channel
 from jssa_gym.hardware.fanuc.packets import airo
 from jssa_gym.hardware.fanuc.program import Program
 from jssa_gym.types import Array, CapsuleSet, MeasuredPeople
@@ -63,7 +63,7 @@ class FanucStream:
     def __init__(
         self,
         guard: Guard,
-        link: Link,
+        link: Channel,
         program: Program | None = None,
         *,
         axes: Axes | None = None,
