@@ -2,7 +2,7 @@
 
 Subscribes to ``/command`` (trajectory_msgs/JointTrajectory: the first point is where the joints are to be),
 ``/joint_states`` (sensor_msgs/JointState) and ``/people`` (std_msgs/Float64MultiArray: eleven numbers a capsule, start,
-``/joint_states`` (sensor_msgs/JointState) and ``/people`` (std_msgs/Float64MultiArray: eleven numbers a capsule: start,
+end, velocity, radius and age), and publishes ``/safe_command`` (std_msgs/Float64MultiArray: positions) every 8 ms.
 
 What a real node has to add: a real-time executor or a process of its own, so that ticks come on time (the guard says
 when they do not); people's stamps in the clock that the ticks have; and a hardware interface that holds its last
