@@ -102,6 +102,14 @@ def _filter(name, old, new, tests=FAULTS):
     return Mutant(name, "shields/filter.py", old, new, tests)
 
 
+def _guard(name, file, old, new, tests):
+    return Mutant(name, file, old, new, ("tests/guard/test_guard.py", tests))
+
+
+def _stream(name, old, new, tests):
+    return Mutant(name, "hardware/fanuc/stream.py", old, new, ("tests/hardware/test_fanuc.py", tests))
+
+
 PERSON = """                radii = part["radius"] + agent["radius"]
 """
 STATIC = """                radii = part["radius"] + static["radius"]"""
@@ -963,6 +971,38 @@ MUTANTS = [
         "taken + least + _ROUNDING",
         (MARGIN, "formula or moments"),
     ),
+    # in front of a controller
+    _guard("what is no command is followed", "guard/guard.py", "self._nominal.fill(math.nan)", "pass", "no_command"),
+    _guard(
+        "a late tick skips a part of the stop",
+        "tick/joints.py",
+        "if leapt and not settings.paced:",
+        "if leapt:",
+        "came_late",
+    ),
+    _guard(
+        "a doubled tick is held against the clock for good",
+        "tick/joints.py",
+        "        if not settings.paced:\n            # what is",
+        "        if True:\n            # what is",
+        "doubled",
+    ),
+    _guard("jitter makes people older", "tick/people.py", "    if settings.paced:", "    if False:", "jitter"),
+    _guard("any rate will do", "guard/clock.py", "if abs(self._off) <= TOLERANCE:", "if True:", "another_rate_than"),
+    _guard("a rate may be off by half", "guard/clock.py", "TOLERANCE = 0.05", "TOLERANCE = 0.5", "another_rate_than"),
+    _guard("measured states are not compared", "guard/guard.py", "self._watched = True", "pass", "measured_state_that"),
+    _guard("measuring begins in motion", "guard/guard.py", "if not self._step.rests:", "if False:", "rests_only"),
+    _guard("measured states cost nothing", "guard/guard.py", "decider(STATE_TOLERANCE)", "decider()", "tenth_of"),
+    _guard("answers share their arrays", "guard/answers.py", "count() != self._free", "count() < 0", "kept_answers"),
+    _guard(
+        "people as old as the tick", "guard/inputs.py", "self._age.fill(float(age))", "self._age.fill(0.0)", "ages_with"
+    ),
+    _stream("a lost packet is no trouble", "None if trouble or self.halted else", "None if self.halted else", "lost"),
+    _stream("halted, but commanded", "None if trouble or self.halted else", "None if not people else", "fault_of"),
+    _stream("drives may be anywhere", "if off[j] <= ASTRAY:", "if True:", "drive_that"),
+    _stream("duplicates are news", "0 < ahead < 0x8000_0000", "ahead < 0x1_0000_0000", "gaps"),
+    _stream("tables are not looked at", "if excess := tables.excess(guard.robot):", "if False:", "refused_before"),
+    _stream("the stream ends in motion", "bool(self.halted) and self.guard.rests", "bool(self.halted)", "fault_of"),
     # how the arm moves and how long it takes, as it is told
     _jumps("wanted and applied jerks swapped", "jumps, wanted = _jumps", "wanted, jumps = _jumps"),
     _jumps("jumps: wanted jerk not clipped", "np.clip(nominal, -bound, bound)", "nominal"),

@@ -13,7 +13,15 @@ from jssa_gym.registration import HORIZON, register_ids
 if TYPE_CHECKING:
     from jssa_gym.certificate.boundary import Domain
     from jssa_gym.certificate.certify import certify
-    from jssa_gym.control import JPCAction
+    from jssa_gym.control import (
+        JointJerk,
+        JointPosition,
+        JointVelocity,
+        JPCAction,
+        TipVelocity,
+        ToolPose,
+        Twist,
+    )
     from jssa_gym.envs.arm import ArmEnv
     from jssa_gym.envs.check import EnvReport, check_env
     from jssa_gym.envs.faults import FAULTS, SensorFaults
@@ -21,6 +29,7 @@ if TYPE_CHECKING:
     from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.envs.tasks import TASKS, Task
     from jssa_gym.evaluation import RecordSafety, Report, SeparationParams, evaluate
+    from jssa_gym.guard import Guard, GuardAnswer
     from jssa_gym.humans import HUMANS, HumanMotion, Walk, make_human
     from jssa_gym.policies import (
         POLICIES,
@@ -36,7 +45,7 @@ if TYPE_CHECKING:
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.safety.tracking import measure_tracking
     from jssa_gym.shields import FILTERS, JSSAOptions, JSSAShield, SafetyFilter, Shield, make_filter
-    from jssa_gym.types import CapsuleSet, Decision, JointState, Scene, Status
+    from jssa_gym.types import CapsuleSet, Decision, JointState, MeasuredPeople, Planes, Scene, Status
 
 __version__ = "0.1.0"
 
@@ -50,6 +59,8 @@ _HOMES = {
     "FAULTS": "jssa_gym.envs.faults",
     "FILTERS": "jssa_gym.shields",
     "FailsafeParams": "jssa_gym.safety.failsafe",
+    "Guard": "jssa_gym.guard",
+    "GuardAnswer": "jssa_gym.guard",
     "HUMANS": "jssa_gym.humans",
     "HoldPolicy": "jssa_gym.policies",
     "HumanMotion": "jssa_gym.humans",
@@ -58,10 +69,15 @@ _HOMES = {
     "JPCPolicy": "jssa_gym.policies",
     "JSSAOptions": "jssa_gym.shields",
     "JSSAShield": "jssa_gym.shields",
+    "JointJerk": "jssa_gym.control",
     "JointLimits": "jssa_gym.robots",
+    "JointPosition": "jssa_gym.control",
     "JointState": "jssa_gym.types",
+    "JointVelocity": "jssa_gym.control",
     "LearnedPolicy": "jssa_gym.policies",
+    "MeasuredPeople": "jssa_gym.types",
     "POLICIES": "jssa_gym.policies",
+    "Planes": "jssa_gym.types",
     "ROBOTS": "jssa_gym.robots",
     "RandomPolicy": "jssa_gym.policies",
     "RecordSafety": "jssa_gym.evaluation",
@@ -77,6 +93,9 @@ _HOMES = {
     "StraightPolicy": "jssa_gym.policies",
     "TASKS": "jssa_gym.envs.tasks",
     "Task": "jssa_gym.envs.tasks",
+    "TipVelocity": "jssa_gym.control",
+    "ToolPose": "jssa_gym.control",
+    "Twist": "jssa_gym.control",
     "Walk": "jssa_gym.humans",
     "certify": "jssa_gym.certificate.certify",
     "check_env": "jssa_gym.envs.check",
@@ -102,6 +121,8 @@ __all__ = [
     "Domain",
     "EnvReport",
     "FailsafeParams",
+    "Guard",
+    "GuardAnswer",
     "HoldPolicy",
     "HumanMotion",
     "IndexParams",
@@ -110,9 +131,14 @@ __all__ = [
     "JSSAGymError",
     "JSSAOptions",
     "JSSAShield",
+    "JointJerk",
     "JointLimits",
+    "JointPosition",
     "JointState",
+    "JointVelocity",
     "LearnedPolicy",
+    "MeasuredPeople",
+    "Planes",
     "RandomPolicy",
     "RecordSafety",
     "Report",
@@ -126,6 +152,9 @@ __all__ = [
     "Status",
     "StraightPolicy",
     "Task",
+    "TipVelocity",
+    "ToolPose",
+    "Twist",
     "Walk",
     "__version__",
     "certify",

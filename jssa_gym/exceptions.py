@@ -33,6 +33,14 @@ class InterfaceError(JSSAGymError, TypeError):
     """An environment does not offer what a shield needs: ``robot``, ``dt`` and ``scene``."""
 
 
+class NotStartedError(JSSAGymError, RuntimeError):
+    """A guard was asked before it was told where the arm rests."""
+
+
+class StreamError(JSSAGymError, RuntimeError):
+    """A robot's own controller does not answer, or does not let its arm move."""
+
+
 class InfeasibleError(JSSAGymError, ValueError):
     """No motion within the limits does what was asked for; :attr:`shortest` says in which time one would.
 

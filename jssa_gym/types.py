@@ -89,6 +89,22 @@ class Scene(NamedTuple):
     """Whether each human capsule was measured, shape (m,)."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPeople:
+    """Everybody beside the arm as they were measured, for :meth:`jssa_gym.Guard.tick`.
+
+    Who there is, by names, order and persons, is settled by the first tick. A capsule that was not measured this time
+    stays in its place, not ``valid``.
+    """
+
+    capsules: CapsuleSet
+    """m capsules, of all persons together; none for an empty room."""
+    age: Array | float = 0.0
+    """How old the measurement is at the tick's stamp [s]: one number, or one a capsule, shape (m,)."""
+    valid: NDArray[np.bool_] | None = None
+    """Whether each capsule was measured, shape (m,); None for all."""
+
+
 class HalfSpaces(NamedTuple):
     """Rows :math:`L u \\ge S` of a safety index."""
 

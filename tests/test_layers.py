@@ -17,11 +17,11 @@ LAYERS = (
     ("robots", "humans"),
     ("safety",),
     ("shields", "envs", "control"),
-    ("policies",),
+    ("policies", "guard"),
     ("evaluation",),
     ("train", "paper", "certificate"),
     ("plots",),
-    ("viewer",),
+    ("viewer", "hardware"),
     ("cli",),
     ("__main__",),
 )

@@ -1,4 +1,4 @@
-"""Agents that command positions or velocities instead of jerk."""
+"""What can be commanded instead of jerk: by a controller, in units; by an agent, in [-1, 1]."""
 
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
@@ -20,6 +20,67 @@ MODES = ("position", "velocity", "tip")
 
 TIP_SPEED = 0.5
 """Speed of the tool centre point along an axis that a command of 1 asks for [m/s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointJerk:
+    """Joint jerk, as it is."""
+
+    jerk: Array
+    """Shape (n,) [rad/s³]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointVelocity:
+    """Joint velocity."""
+
+    velocity: Array
+    """Shape (n,) [rad/s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointPosition:
+    """Where the joints are to be at the end of this tick: a point of a stream, one a tick, or a lasting target."""
+
+    position: Array
+    """Shape (n,) [rad]; clipped to the position limits."""
+    velocity: Array | None = None
+    """How they are to move there, shape (n,) [rad/s]. None: as the last two positions say, if they were commanded one
+    tick after the other and no farther apart than the velocity limits allow; else at rest."""
+    acceleration: Array | None = None
+    """Shape (n,) [rad/s²]; None: 0. With both, a stream within the limits is followed to fractions of a milliradian."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TipVelocity:
+    """Velocity of the tool centre point; its orientation is nobody's concern."""
+
+    velocity: Array
+    """World axes, shape (3,) [m/s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Twist:
+    """Velocity of the tool in all six directions."""
+
+    linear: Array
+    """Of the tool centre point, world axes, shape (3,) [m/s]."""
+    angular: Array
+    """Of the last link, world axes, shape (3,) [rad/s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolPose:
+    """Where the tool is to be, approached at no more than 0.5 m/s and 1.5 rad/s."""
+
+    position: Array
+    """Of the tool centre point in the world, shape (3,) [m]."""
+    rotation: Array
+    """Of the last link: its axes as columns, world coordinates, shape (3, 3)."""
+
+
+Command = JointJerk | JointVelocity | JointPosition | TipVelocity | Twist | ToolPose
+"""What :meth:`jssa_gym.Guard.tick` takes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,6 +29,11 @@ HURRY = 1.12
 """Pace at most while a schedule is behind; of plans within 0.7 of the jerk limits it needs 0.98."""
 
 
+def pace_of(margin: float) -> float:
+    """The pace that a margin [m] asks for, in [0, 1]; 0 where it is no number."""
+    return min(max(margin / FULL_PACE, 0.0), 1.0) if margin > 0.0 else 0.0  # NaN is not
+
+
 class PacedPath:
     r"""Alternatives for a shield: a plan's path at several paces, in order of preference.
 
@@ -165,7 +170,6 @@ class PacedPath:
 
     def _slewed(self, margin: float) -> float:
         """The pace that a margin asks for, as fast as it may change."""
-        share = min(max(margin / FULL_PACE, 0.0), 1.0) if margin > 0.0 else 0.0  # NaN is not
         most = self._fastest if self._behind > self.plan.dt else 1.0
         dt = self.plan.dt
-        return min(max(most * share, self._override - SLOWER * dt), self._override + FASTER * dt)
+        return min(max(most * pace_of(margin), self._override - SLOWER * dt), self._override + FASTER * dt)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.envs.drawing import Marks, goal_points
 from jssa_gym.envs.observation import Observation, arm_features
-from jssa_gym.envs.options import check_arguments, checked_options
+from jssa_gym.envs.options import check_arguments, checked_options, checked_step
 from jssa_gym.envs.surroundings import Closest, Surroundings
 from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Progress, Task, make_task
 from jssa_gym.envs.view import live_camera
@@ -32,7 +32,7 @@ from jssa_gym.validation import positive_number
 _logger = logging.getLogger("jssa_gym")
 
 DT = 0.008
-"""Control step: 125 Hz, the paper's."""
+"""Control step if nothing else is said: 125 Hz, the paper's [s]."""
 
 MOVING = 1e-3
 """Speed of the robot's touching point from which a contact counts as moving [m/s]."""
@@ -42,7 +42,7 @@ START_CLEARANCE = 0.1
 
 
 class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """An arm driven by joint jerk beside moving people, 125 Hz.
+    """An arm driven by joint jerk beside moving people, 125 Hz unless ``dt`` says otherwise.
 
     The joint state follows the paper's Eq. (1) exactly, jerk held over each step of 0.008 s. With
     ``dynamics="servo"`` MuJoCo simulates the arm's inertias under 1 kHz position servos that track that command;
@@ -125,7 +125,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     **Termination**: what ``terminate_on`` names: ``success``, ``contact``, ``moving_contact`` (the robot's touching
     point faster than 1e-3 m/s) or ``limit_violation``; the default is success and moving contact. A contact with the
-    arm at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s), by ``TimeLimit``.
+    arm at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s), by ``TimeLimit``; another
+    ``dt`` does not change their number, ``gym.make(..., max_episode_steps=...)`` does.
 
     **Start**: at rest at home, nobody closer than 0.1 m. ``reset(options={...})`` takes ``joint_position``, ``goal``
     and ``human_start``.
@@ -146,6 +147,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             see :func:`~jssa_gym.robots.make_robot`.
         terminate_on: What ends an episode.
         d_min: Distance below which ``cost`` is 1 [m].
+        dt: Control step [s], from 0.001 to 0.02; whole milliseconds with ``dynamics="servo"``. All durations of tasks
+            and people stay what they are in seconds.
         render_mode: ``"rgb_array"``, ``"human"`` (a window, where there is a display; it keeps to real time) or None.
         width, height: Size of pictures [pixels].
 
@@ -171,11 +174,13 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         robot: str | Path | RobotModel = "lr_mate_200id_7l",
         terminate_on: Sequence[str] = ("success", "moving_contact"),
         d_min: float = 0.05,
+        dt: float = DT,
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
     ) -> None:
         size = check_arguments(dynamics, terminate_on, render_mode, width, height)
+        self.dt = checked_step(dt, dynamics)
         announce_compilation(move)
         self.planes = planes_of(scene)
         self.task = make_task(task)
@@ -188,12 +193,13 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             told = nearest(self.robot, self.robot.home, self.planes)
             _logger.warning("%s cannot move from home under a shield: %s", self.robot.name, told)
         self.human = make_human(self.task.human if human is None else human)
-        self.dt = DT
         self.d_min = positive_number("d_min", d_min)
         self.render_mode = render_mode
         if not has_display():
             modes = [mode for mode in self.metadata["render_modes"] if mode != "human"]
             self.metadata = {**self.metadata, "render_modes": modes}
+        if self.dt != DT:
+            self.metadata = {**self.metadata, "render_fps": round(1.0 / self.dt)}
         self.dynamics = dynamics
         self.terminate_on = tuple(terminate_on)
         self._scene_name, self._size = scene, size

@@ -7,14 +7,18 @@ import numpy as np
 
 from jssa_gym.envs.tasks import Task
 from jssa_gym.envs.window import check_display
+from jssa_gym.envs.world import SUBSTEP
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HumanMotion
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
-from jssa_gym.validation import known_name, positive_integer, real_array
+from jssa_gym.validation import known_name, number_within, positive_integer, real_array
 
 ENDINGS = ("success", "contact", "moving_contact", "limit_violation")
 """What may end an episode."""
+
+SHORTEST, LONGEST = 0.001, 0.02
+"""Control steps: 1,000 to 50 Hz [s]."""
 
 OPTIONS = ("joint_position", "goal", "human_start")
 """What ``reset`` may be told."""
@@ -41,6 +45,20 @@ def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: A
     if render_mode == "human":
         check_display()
     return size
+
+
+def checked_step(dt: Any, dynamics: str) -> float:
+    """A control step [s] that the arm can be simulated with.
+
+    Raises:
+        ParameterError: It is not between :data:`SHORTEST` and :data:`LONGEST`, or with servos no multiple of 1 ms.
+    """
+    step = number_within("dt", dt, SHORTEST, LONGEST)
+    if dynamics == "servo" and abs(step / SUBSTEP - round(step / SUBSTEP)) > 1e-9:
+        raise ParameterError(
+            f"dynamics='servo' simulates whole milliseconds: dt has to be a multiple of {SUBSTEP} s, got {dt!r}"
+        )
+    return step
 
 
 class Beginning(NamedTuple):

@@ -13,7 +13,7 @@ _LARGEST = ("contact_speed", "shield/status", "shield/phi", "shield/correction",
 
 
 class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
-    """Repeats an action for some ticks: policy at 25 Hz, shield and arm at 125 Hz.
+    """Repeats an action for some ticks: with 5 of 8 ms policy at 25 Hz, shield and arm at 125 Hz.
 
     It goes *outside* the shield, which then still decides in every tick. Rewards are summed, and ``info`` tells about
     all ticks, not the last one only: ``distance`` is the smallest, ``cost`` the sum, ``contact``, ``limit_violation``,

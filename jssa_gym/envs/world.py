@@ -27,7 +27,7 @@ TABLE_HEIGHT = 0.87
 SCENES: dict[str, float] = {"table": TABLE_HEIGHT, "floor": 0.0}
 """Height of the robot's base by the name of the scene [m]."""
 
-_SUBSTEP = 0.001
+SUBSTEP = 0.001
 """Period of the position servos [s]."""
 
 _CAMERA = ("azimuth", "elevation", "distance", "lookat", "type", "fixedcamid", "trackbodyid")
@@ -73,7 +73,7 @@ class World:
             # the shield keeps the arm off itself; MuJoCo would push apart what overlaps by its make
             geom.contype = geom.conaffinity = 0
         spec.attach(arm, prefix="robot/", frame=frame)
-        spec.option.timestep = _SUBSTEP
+        spec.option.timestep = SUBSTEP
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
@@ -224,8 +224,8 @@ class World:
             The arm's position, velocity, acceleration, each of shape (n,).
         """
         q, v, a = state
-        for k in range(1, round(dt / _SUBSTEP) + 1):
-            before, t = (k - 1) * _SUBSTEP, k * _SUBSTEP
+        for k in range(1, round(dt / SUBSTEP) + 1):
+            before, t = (k - 1) * SUBSTEP, k * SUBSTEP
             reference = q + v * before + a * before**2 / 2.0 + jerk * before**3 / 6.0
             rate = v + a * t + jerk * t**2 / 2.0
             self.data.ctrl[:] = reference + ratio * rate

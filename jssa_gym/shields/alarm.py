@@ -5,14 +5,19 @@ import sys
 
 _logger = logging.getLogger("jssa_gym")
 
-LONG = 125
-"""Faults in a row that are said aloud: a second of them."""
+LONG = 1.0
+"""For how long decisions are faults before that is said aloud [s]."""
 
 
 class Alarm:
-    """Says everything once: what is wrong in one control step is wrong in the next."""
+    """Says everything once: what is wrong in one control step is wrong in the next.
 
-    def __init__(self) -> None:
+    Args:
+        dt: Control step [s].
+    """
+
+    def __init__(self, dt: float) -> None:
+        self._long = max(round(LONG / dt), 1)
         self._faults, self._failures = 0, dict[str, str]()
         self._said_long = self._said_astray = False
 
@@ -27,10 +32,12 @@ class Alarm:
                 "names what is wrong with an environment; FailsafeParams(state_tolerance=...) is for measured states.",
                 reason,
             )
-        if self._faults == LONG and not self._said_long:
+        if self._faults == self._long and not self._said_long:
             self._said_long = True
             _logger.warning(
-                "Every decision of the last %d control steps was a FAULT (%s): the arm does not move.", LONG, reason
+                "Every decision of the last %d control steps was a FAULT (%s): the arm does not move.",
+                self._faults,
+                reason,
             )
 
     def well(self) -> None:

@@ -107,7 +107,7 @@ class SafetyFilter:
         if failsafe is not None and not isinstance(failsafe, FailsafeParams):
             raise ParameterError(f"failsafe has to be None or FailsafeParams, got {failsafe!r}")
         self.viability, self.failsafe = viability, failsafe
-        self._alarm = Alarm()
+        self._alarm = Alarm(self.dt)
         if failsafe is not None:
             failsafe.tolerance_of(robot)
         announce_compilation(loop.decide_all)

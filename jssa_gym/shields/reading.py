@@ -259,7 +259,9 @@ class Reading:
         view.normal[:], view.offset[:] = normal, offset
         if len(capsules.radius):
             scene = self._records.scene
-            scene.static_ends[0], scene.static_radius[0] = capsules[:4], capsules.radius
+            for row, ends in zip(scene.static_ends[0], capsules[:4], strict=True):
+                row[:] = ends
+            scene.static_radius[0] = capsules.radius
 
     def _recognise(self, static: CapsuleSet, planes: Planes) -> tuple[CapsuleSet, Array, Array]:
         """Take other objects for the fixtures."""

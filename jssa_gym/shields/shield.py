@@ -4,7 +4,7 @@ import copy
 import inspect
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import cache
 from typing import Any, Literal, Self
 
@@ -17,23 +17,19 @@ from jssa_gym.kernels.motion import scale_nominal, to_shares
 from jssa_gym.registration import ENTRIES
 from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
-from jssa_gym.shields.ahead import AheadFilter
+from jssa_gym.safety.index import DEFAULT, PUBLISHED
 from jssa_gym.shields.environment import provider, refuse_misfit, robot_and_dt
 from jssa_gym.shields.filter import SafetyFilter
-from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.offers import Offered
 from jssa_gym.shields.options import JSSAOptions
 from jssa_gym.shields.people import tell_of_fast_people
+from jssa_gym.shields.profiles import assumptions, profiled_filter
 from jssa_gym.shields.reasons import reason_code
-from jssa_gym.shields.registry import PROFILES, PUBLISHED_FORM, TASK_SHIELD, changed_params, make_filter, read_name
+from jssa_gym.shields.registry import PUBLISHED_FORM, TASK_SHIELD, changed_params, make_filter, read_name
 from jssa_gym.shields.wrappers import refuse_other_actions
 from jssa_gym.types import Decision, Scene, Status
-from jssa_gym.validation import known_name
 
 _logger = logging.getLogger("jssa_gym")
-
-_LAMBDAS = DEFAULT.lambda1, DEFAULT.lambda2
 
 _CORRECTION = 1e-6
 """Correction, in jerk bounds, from which a step counts as an intervention."""
@@ -43,15 +39,6 @@ _CORRECTION = 1e-6
 def _takes_path(decide: Callable[..., Decision]) -> bool:
     """Whether a filter's ``decide`` can be given a path."""
     return len(inspect.signature(decide).parameters) > 3
-
-
-def _assumptions(name: str, value: bool | FailsafeParams | Mapping[str, Any]) -> FailsafeParams | None:
-    """What a verified stop assumes; None for no verified stop."""
-    if isinstance(value, Mapping):
-        return FailsafeParams.of(value)
-    if not isinstance(value, bool | FailsafeParams):
-        raise ParameterError(f"{name} has to be True, False, FailsafeParams or a mapping of its fields, got {value!r}")
-    return FailsafeParams() if value is True else value or None
 
 
 def _named(env: gym.Env, name: str, stop: FailsafeParams | None, changes: dict[str, Any]) -> SafetyFilter:
@@ -120,7 +107,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._source: Any = None
         refuse_other_actions(env)
         if isinstance(filter, str):
-            name, assumed = filter, _assumptions("stop", stop)
+            name, assumed = filter, assumptions("stop", stop)
             filter = _named(env, name, assumed, params)
             checked = {given: getattr(filter.params, given) for given in params}  # JSON can hold them
             recorded = stop if assumed is None or stop is True else asdict(assumed)
@@ -299,44 +286,22 @@ class JSSAShield(Shield):
             failsafe=asdict(failsafe) if isinstance(failsafe, FailsafeParams) else failsafe,
             options=asdict(options),
         )
-        known_name("profile", profile, ("paper", *PROFILES))
-        own = (lambda1, lambda2, rows, recovery, options) == (*_LAMBDAS, "all", 0.5, JSSAOptions())
-        if (profile == "paper" and horizon is not None) or (profile != "paper" and not own):
-            raise ParameterError(
-                f"profile {profile!r} does not take that: lambda1, lambda2, rows, recovery and options are of 'paper', "
-                "horizon is of the others"
-            )
-        if profile != "paper":
-            # a mapping says what differs from the profile's own
-            graded = failsafe is True or (isinstance(given, Mapping) and "graded" not in given)
-            assumed = _assumptions("failsafe", failsafe)
-            if graded and assumed is not None:
-                assumed = replace(assumed, graded=True)
-            params = replace(PROFILES[profile], d_min=d_min)
-            if horizon is not None:
-                params = replace(params, horizon=horizon)
-            filter = AheadFilter(*robot_and_dt(env), params, viability=viability, failsafe=assumed)
-            super().__init__(env, filter)
-            return
-        assumed = _assumptions("failsafe", failsafe)
-        index = IndexParams(d_min=d_min, lambda1=lambda1, lambda2=lambda2, sliding=options.sliding)
         robot, dt = robot_and_dt(env)
-        super().__init__(
-            env,
-            JSSAFilter(
-                robot,
-                dt,
-                index,
-                rows=rows,
-                gradient=options.gradient,
-                projector=options.projector,
-                weight=options.weight,
-                static_rows=options.static_rows,
-                recovery=recovery,
-                viability=viability,
-                failsafe=assumed,
-            ),
+        filter = profiled_filter(
+            robot,
+            dt,
+            profile=profile,
+            horizon=horizon,
+            lambda1=lambda1,
+            lambda2=lambda2,
+            d_min=d_min,
+            rows=rows,
+            recovery=recovery,
+            viability=viability,
+            failsafe=given,
+            options=options,
         )
+        super().__init__(env, filter)
 
     @classmethod
     def as_published(

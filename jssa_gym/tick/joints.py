@@ -110,8 +110,9 @@ def date(settings, memory, now, readable, e):
     elif not np.isfinite(now):
         arm["clock"] = codes.CLOCK_NOT_FINITE
     else:
-        # what is of an earlier tick is so until the clock has caught up: an arm at rest looks the same all along
-        arm["due"] = max(arm["due"], _most(memory.offsets[e]) - 0.5)
+        if not settings.paced:
+            # what is of an earlier tick is so until the clock has caught up: an arm at rest looks the same all along
+            arm["due"] = max(arm["due"], _most(memory.offsets[e]) - 0.5)
         arm["clock"] = codes.CLOCK_BACK if now < last else codes.CLOCK_STILL
 
 
@@ -124,10 +125,10 @@ def _most(offsets):
 
 
 @part
-def _lagging(memory, ticks, e):
+def _lagging(settings, memory, ticks, e):
     arm = memory.arm[e]
     # where the clock shows the same lag, it has to catch up too: an arm at rest looks the same at all times
-    if arm["offset"] <= _most(memory.offsets[e]) - ticks + 0.5:
+    if not settings.paced and arm["offset"] <= _most(memory.offsets[e]) - ticks + 0.5:
         arm["due"] = max(arm["due"], arm["offset"] + ticks - 0.5)
 
 
@@ -180,14 +181,14 @@ def judge(settings, memory, scene, form, e):
             arm["why"] = codes.FROZEN
         elif code >= LAGS:
             arm["why"], arm["lag"] = codes.LAGS, code - LAGS + 1
-            _lagging(memory, arm["lag"], e)
+            _lagging(settings, memory, arm["lag"], e)
         return arm["why"], arm["lag"]
     arm["wrong"] = 0
     if arm["clock"]:
         return arm["clock"], 0
     if arm["offset"] < arm["due"]:
         ticks = int(np.ceil(arm["due"] - arm["offset"]))
-        _lagging(memory, ticks, e)
+        _lagging(settings, memory, ticks, e)
         return codes.LAGS, ticks
     arm["due"], arm["settled"], arm["late"] = -np.inf, arm["offset"], 0
     if arm["owed"]:
@@ -260,7 +261,9 @@ def check_joints(settings, memory, scene, work, e):
         arm["rests"] = begun and at_rest(memory.expected[e])
         if not arm["rests"]:
             replan(settings, memory, work, e)
-    leapt = arm["late"] > 0 and form == 0 and not catch_up(settings, memory, scene.joints[e], work, e)
+    leapt = arm["late"] > 0 and form == 0
+    if leapt and not settings.paced:  # who is asked once a tick commands nothing in between
+        leapt = not catch_up(settings, memory, scene.joints[e], work, e)
     code, ticks = judge(settings, memory, scene, form, e)
     if leapt and code == 0:
         return codes.LEAPT, 0

@@ -71,6 +71,9 @@ class StepSettings(NamedTuple):
     """Time from a command to the arm's motion [s]."""
     astray: float
     """How far a point of the arm may be from where it is expected [m]."""
+    paced: bool = False
+    """Whether the clock is that of whoever asks for decisions, one a tick, and right while it goes on; else it is the
+    scene's, which is not believed, once it has lagged, until it has caught up with the decisions."""
 
 
 MEMORY = np.dtype(

@@ -41,6 +41,8 @@ def people_clock(settings, memory, now, readable, e):
         return now
     gap, due = now - arm["seen"], settings.dt * arm["missed"]
     arm["seen"], arm["missed"] = now, 0
+    if settings.paced:  # ticks go by this clock, not the other way round
+        return now
     # what it falls behind counts until it has caught up; a rounding is nothing
     if abs(due - gap) > 1e-6 * due:
         arm["ahead"] = max(arm["ahead"] + due - gap, 0.0)

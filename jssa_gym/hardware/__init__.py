@@ -1,0 +1,1 @@
+"""Robots' own interfaces, each behind a :class:`~jssa_gym.Guard`."""
