@@ -80,9 +80,9 @@ class CameraSettings:
 
 
 CAMERAS: dict[str, CameraSettings] = {
-    "camera 30 Hz": CameraSettings(30.0, latency=0.1, noise=0.02, occlusion=0.02, occlusion_frames=8),
+    "camera 30 Hz": CameraSettings(30.0, latency=0.1, noise=0.02, occlusion=0.005, occlusion_frames=8),
     "camera 30 Hz, swapped ids": CameraSettings(
-        30.0, latency=0.1, noise=0.02, occlusion=0.02, occlusion_frames=8, swap=0.02, swap_frames=15
+        30.0, latency=0.1, noise=0.02, occlusion=0.005, occlusion_frames=8, swap=0.02, swap_frames=15
     ),
 }
 """Settings for campaigns by name."""
@@ -167,4 +167,3 @@ def in_ball(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """Points drawn evenly from the unit ball, shape (*shape, 3)."""
     # rounding must not carry a point beyond the bound that is promised
     return directions(rng, shape) * (rng.random((*shape, 1)) ** (1.0 / 3.0) * (1.0 - 1e-12))
-

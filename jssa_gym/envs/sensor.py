@@ -85,8 +85,8 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
     joints have another one than those of the people.
 
     With a camera, ``SensorModel(env, "camera 30 Hz")``, people are seen as keypoints, which go through
-    :class:`jssa_gym.perception.Tracker` as those of a detector would; a shield around it has to assume what the camera's
-    settings say, ``JSSAShield(env, failsafe=CAMERAS["camera 30 Hz"].assumptions)``.
+    :class:`jssa_gym.perception.Tracker` as those of a detector would; a shield around it has to assume what the
+    camera's settings say, ``JSSAShield(env, failsafe=CAMERAS["camera 30 Hz"].assumptions)``.
 
     Args:
         env: An environment that offers ``scene``.

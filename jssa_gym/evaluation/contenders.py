@@ -282,7 +282,7 @@ def spoiled(env: gym.Env, fault: str) -> gym.Env:
 
 
 def assumed_of(fault: str) -> FailsafeParams:
-    """What a shield behind a fault of :data:`FAULTS` is told: the bound on its noise; behind a camera what that says."""
+    """What a shield behind a fault of :data:`FAULTS` is told: the bound on its noise; behind a camera what it says."""
     if fault in CAMERAS:
         return CAMERAS[fault].assumptions
     return FailsafeParams(position_error=SENSOR_FAULTS[fault].noise if fault in SENSOR_FAULTS else 0.0)

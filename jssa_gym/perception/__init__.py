@@ -1,13 +1,13 @@
 """Keypoints of cameras to people as shields take them: capsules with velocities, ages and errors."""
 
-from jssa_gym.perception.skeletons import SKELETONS, BodyPart, Skeleton, make_skeleton
+from jssa_gym.perception.skeletons import SKELETONS, BodyPart, KeypointTable, make_skeleton
 from jssa_gym.perception.tracker import Frame, Tracked, Tracker, TrackerParams
 
 __all__ = [
     "SKELETONS",
     "BodyPart",
     "Frame",
-    "Skeleton",
+    "KeypointTable",
     "Tracked",
     "Tracker",
     "TrackerParams",

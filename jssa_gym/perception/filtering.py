@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.types import Array
 
-_KEPT = 36
+_KEPT = 60
 """How many of the latest inputs are told apart in the bound; those from before are added up."""
 
 
@@ -81,10 +81,13 @@ class VelocityFilter:
         corrected = np.broadcast_to(np.eye(2), (len(gain), 2, 2)).copy()
         corrected[:, :, 0] -= gain
         worth = np.einsum("kij,knj->kni", corrected @ moved, self._worth)
+        # an acceleration a(s) changes the velocity by its integral, at most a t, the place by t/2 times that and the
+        # integral of (t/2 - s) a(s), at most a t²/4
+        steady = np.array([elapsed**2 / 2.0, elapsed])
         new = (
             gain * error[:, None],
-            corrected[:, :, 0] * (self._acceleration * elapsed**2 / 2.0),
-            corrected[:, :, 1] * (self._acceleration * elapsed),
+            self._acceleration * corrected @ steady,
+            self._acceleration * corrected[:, :, 0] * (elapsed**2 / 4.0),
         )
         older = np.abs(worth[:, _KEPT - len(new) :]).sum(axis=1)
         self._worth[:, len(new) : _KEPT] = worth[:, : _KEPT - len(new)]

@@ -56,7 +56,7 @@ after Drillis and Contini, 1966, of somebody of 2.15 m and more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Skeleton:
+class KeypointTable:
     """A detector's keypoints.
 
     Raises:
@@ -119,7 +119,7 @@ class Skeleton:
         return tuple(parts)
 
 
-def _sides(joints: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+def _both(joints: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
     """Joints of both sides; ``{}`` stands for the side, ``+`` between keypoints."""
     return {
         f"{side}_{joint}": tuple(point.format(side) for point in points.split("+"))
@@ -159,40 +159,40 @@ _KINECT = (
 
 _TRUNK = {"hips": ("left_hip", "right_hip"), "shoulders": ("left_shoulder", "right_shoulder")}
 
-SKELETONS: dict[str, Skeleton] = {
-    "coco17": Skeleton(
+SKELETONS: dict[str, KeypointTable] = {
+    "coco17": KeypointTable(
         "coco17",
         _COCO,
         {
             "head": _COCO[:5],
             **_TRUNK,
-            **_sides({joint: f"{{}}_{joint}" for joint in _LIMB_JOINTS}),
-            **_sides({"hand": "{}_wrist", "toe": "{}_ankle"}),
+            **_both({joint: f"{{}}_{joint}" for joint in _LIMB_JOINTS}),
+            **_both({"hand": "{}_wrist", "toe": "{}_ankle"}),
         },
         hand=0.22,
         foot=0.28,
     ),
-    "mediapipe33": Skeleton(
+    "mediapipe33": KeypointTable(
         "mediapipe33",
         _MEDIAPIPE,
         {
             "head": _MEDIAPIPE[:11],
             **_TRUNK,
-            **_sides({joint: f"{{}}_{joint}" for joint in _LIMB_JOINTS}),
-            **_sides({"hand": "{}_pinky+{}_index", "toe": "{}_foot_index"}),
+            **_both({joint: f"{{}}_{joint}" for joint in _LIMB_JOINTS}),
+            **_both({"hand": "{}_pinky+{}_index", "toe": "{}_foot_index"}),
         },
         hand=0.13,
         foot=0.12,
     ),
-    "kinect32": Skeleton(
+    "kinect32": KeypointTable(
         "kinect32",
         _KINECT,
         {
             "head": _KINECT[26:],
             "hips": ("pelvis",),
             "shoulders": ("neck",),
-            **_sides({joint: f"{joint}_{{}}" for joint in _LIMB_JOINTS}),
-            **_sides({"hand": "handtip_{}", "toe": "foot_{}"}),
+            **_both({joint: f"{joint}_{{}}" for joint in _LIMB_JOINTS}),
+            **_both({"hand": "handtip_{}", "toe": "foot_{}"}),
         },
         hand=0.08,
         foot=0.12,
@@ -202,13 +202,13 @@ SKELETONS: dict[str, Skeleton] = {
 and lower-case names."""
 
 
-def make_skeleton(skeleton: str | Skeleton) -> Skeleton:
+def make_skeleton(skeleton: str | KeypointTable) -> KeypointTable:
     """A skeleton, or the one of a name in :data:`SKELETONS`.
 
     Raises:
         ParameterError: Unknown name.
     """
-    if isinstance(skeleton, Skeleton):
+    if isinstance(skeleton, KeypointTable):
         return skeleton
     return SKELETONS[known_name("skeleton", skeleton, SKELETONS)]
 

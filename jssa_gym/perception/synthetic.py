@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.body import NAMES
-from jssa_gym.perception.skeletons import FACE, Skeleton
+from jssa_gym.perception.skeletons import FACE, KeypointTable
 from jssa_gym.types import Array, CapsuleSet
 
 
@@ -24,7 +24,7 @@ def people_in(human: CapsuleSet) -> tuple[int, ...]:
     return ids
 
 
-def keypoints_of(human: CapsuleSet, skeleton: Skeleton) -> tuple[NDArray[np.int64], Array]:
+def keypoints_of(human: CapsuleSet, skeleton: KeypointTable) -> tuple[NDArray[np.int64], Array]:
     """Ids, shape (p,), and keypoints, shape (p, k, 3) [m], NaN for those that no part is made of.
 
     Elbows and knees are in the middle of their limbs, the face's points around the middle of the head.

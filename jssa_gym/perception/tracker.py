@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.perception.filtering import VelocityFilter, velocity_lag
-from jssa_gym.perception.skeletons import BodyPart, Skeleton, ancestors, make_skeleton
+from jssa_gym.perception.skeletons import BodyPart, KeypointTable, ancestors, make_skeleton
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.types import Array, CapsuleSet, Scene
 from jssa_gym.validation import number_within, positive_number
@@ -98,8 +98,9 @@ class Tracker:
 
     A joint of an arm or leg that is not seen is within its limb's length ℓ of the joint that it hangs on. It is then
     reported there, as old as somebody at the speed bound v of its part takes for that length, ℓ/v: what a shield makes
-    of that, the ball of radius ℓ and what it grows by, contains the joint. That is so for ``hold``
-    at the longest, only where it is younger than what was measured, and for no part with a bound on its acceleration.
+    of that, the ball of radius ℓ and what it grows by, contains the joint. That is so for ``hold`` at the longest, for
+    no part with a bound on its acceleration, and only where that is younger than what was measured and no jump: from
+    about 2 ℓ/v after the joint was seen. Until then the part is what was measured.
 
     Nothing that a detector delivers makes it raise: a frame of other shapes, without a stamp or older than the last one
     is left out, and parts grow older. Whoever is not among ``people`` makes everybody somebody else's until ``reset``,
@@ -109,7 +110,7 @@ class Tracker:
         skeleton: The detector's keypoints, or a name in :data:`~jssa_gym.perception.SKELETONS`.
         assumed: What the shield assumes: its ``position_error`` is what is promised here, its speeds what is believed.
         people: Ids of everybody who will be seen.
-        body: ``"jointed"`` or ``"six"``, see :meth:`~jssa_gym.perception.Skeleton.body`.
+        body: ``"jointed"`` or ``"six"``, see :meth:`~jssa_gym.perception.KeypointTable.body`.
         params: Of the detector.
 
     Raises:
@@ -119,7 +120,7 @@ class Tracker:
 
     def __init__(
         self,
-        skeleton: str | Skeleton,
+        skeleton: str | KeypointTable,
         assumed: FailsafeParams,
         people: Iterable[int] = (0,),
         *,
@@ -209,7 +210,7 @@ class Tracker:
         return Tracked(human, age, valid, position_error, velocity_error)
 
 
-def nothing_found(skeleton: Skeleton) -> tuple[Array, Array]:
+def nothing_found(skeleton: KeypointTable) -> tuple[Array, Array]:
     """Positions and confidences of somebody of whom nothing was found."""
     count = len(skeleton.keypoints)
     return np.full((count, 3), np.nan), np.zeros(count)
@@ -302,12 +303,14 @@ class _TrackedBody:
             self._report_part(k, part, joints, stamp)
 
     def _report_part(self, k: int, part: BodyPart, joints: dict[str, "_Joint"], stamp: float) -> None:
-        found = [self._joint_of(joint, joints, self._speeds[k, end]) for end, joint in enumerate((part.start, part.end))]
+        found = [
+            self._joint_of(joint, joints, self._speeds[k, end]) for end, joint in enumerate((part.start, part.end))
+        ]
         ends = [one for one in found if one is not None]
         if len(ends) == 2:
             late = max(extra for _, extra in ends)
             held = late > 0.0
-            if stamp - late > self.stamp[k] and not (held and not self._may_hold(k, part, stamp)):
+            if not held or self._may_hold(k, part, [joint.position for joint, _ in ends], stamp - late, stamp):
                 for i, (joint, _) in enumerate(ends):
                     self.ends[k, i], self.velocities[k, i] = joint.position, joint.velocity
                 self.position_error[k] = max(joint.position_error for joint, _ in ends)
@@ -324,8 +327,14 @@ class _TrackedBody:
             None,
         )
 
-    def _may_hold(self, k: int, part: BodyPart, stamp: float) -> bool:
-        return bool(self._held[k]) and self._recent(part, stamp)
+    def _may_hold(self, k: int, part: BodyPart, ends: list[Array], stamp: float, now: float) -> bool:
+        """Whether a held part is younger than what was measured, and its ends are where those can have come to."""
+        younger = stamp - self.stamp[k]
+        if not (self._held[k] and younger > 0.0 and self._recent(part, now)):
+            return False
+        # a shield believes no capsule that jumps: until then what was measured serves it better
+        moved = [float(np.linalg.norm(end - before)) for end, before in zip(ends, self.ends[k], strict=True)]
+        return all(way <= speed * younger for way, speed in zip(moved, self._speeds[k], strict=True))
 
     def _recent(self, part: BodyPart, stamp: float) -> bool:
         """Whether all that a part needs was seen within the time for which it is held."""
