@@ -10,10 +10,11 @@ import tyro
 from rich.table import Table
 
 from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.comparison_page import write_page
+from jssa_gym.evaluation.contenders import NO_SENSOR
 from jssa_gym.evaluation.leaderboard import UNFILTERED, Standing, median_time_to_goal, standings
 from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
@@ -47,6 +48,7 @@ class Compare:
     v_safe: float = MOVING
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     robot: Annotated[str, ROBOT] = DEFAULT
+    sensor: Annotated[str, SENSOR] = NO_SENSOR
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
@@ -68,6 +70,7 @@ class Compare:
             separation=self.separation.params(),
             trust_pickle=self.trust_pickle,
             robot=self.robot,
+            sensor=self.sensor,
         )
         reports = play(study, self.out, self.jobs, self.keep)
         ranked = standings(reports)
@@ -94,6 +97,8 @@ class Compare:
             parts += [f"--{name.replace('_', '-')}", str(value)]
         if self.robot != DEFAULT:
             parts += ["--robot", self.robot]
+        if self.sensor != NO_SENSOR:
+            parts += ["--sensor", self.sensor]
         return shlex.join([*parts, "--trust-pickle"] if self.trust_pickle else parts)
 
 

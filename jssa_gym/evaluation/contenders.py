@@ -249,6 +249,9 @@ LATENCIES = (0, 25, 50, 100, 150, 200)
 FAULTS: tuple[str, ...] = (*SENSOR_FAULTS, "missed ticks", *(f"unmodelled {ms} ms" for ms in LATENCIES), *CAMERAS)
 """Names of what can be wrong between people and shield."""
 
+NO_SENSOR = "none"
+"""The fault that is none: the truth is seen."""
+
 REPORTED = (*(name for name, faults in SENSOR_FAULTS.items() if faults.reported), "missed ticks")
 """Faults within the assumptions: age and validity, with the bound on the noise, tell all."""
 
@@ -272,7 +275,7 @@ def spoiled(env: gym.Env, fault: str) -> gym.Env:
         ParameterError: Unknown fault.
     """
     known_name("fault", fault, FAULTS)
-    if fault == "none":
+    if fault == NO_SENSOR:
         return env
     if fault == "missed ticks":
         return MissedTicks(env)
