@@ -241,6 +241,11 @@ class _TrackedBody:
         self._parts, self._joints, self._params = of.parts, of._joints, of.params
         self._allowed, assumed = of.assumed.position_error, of.assumed
         count, m = len(of.skeleton.keypoints), len(of.parts)
+        self._made_of = np.zeros((len(of._joints), count), np.bool_)
+        for row, points in zip(self._made_of, of._joints.values(), strict=True):
+            row[points] = True
+        # of a head any point of the face will do
+        self._needed = [1 if joint == "head" else len(points) for joint, points in of._joints.items()]
         speeds = np.array([assumed.end_speeds_of(part.name) for part in of.parts]).reshape(m, 2)
         self._speeds = speeds
         self._held = np.array([assumed.acceleration_of(part.name) == 0.0 for part in of.parts])
@@ -285,22 +290,26 @@ class _TrackedBody:
         length = np.linalg.norm(off, axis=1)
         room = np.maximum(self._allowed - error, 0.0)
         share = np.minimum(1.0, room / np.maximum(length, 1e-12))
-        place = np.where(seen[:, None], position + share[:, None] * off, np.nan)
-        error = error + share * length
-        velocity, velocity_error = self._filter.velocity, self._filter.velocity_error
-        joints = {}
-        for joint, points in self._joints.items():
-            there = points[seen[points]]
-            if len(there) < (1 if joint == "head" else len(points)):
-                continue
-            joints[joint] = _Joint(
-                place[there].mean(axis=0),
-                velocity[there].mean(axis=0),
-                min(float(error[there].max()), self._allowed),
-                float(velocity_error[there].max()),
-            )
+        place = position + share[:, None] * off
+        error = np.where(seen, error + share * length, 0.0)
+        joints = self._seen_joints(seen, place, error)
         for k, part in enumerate(self._parts):
             self._report_part(k, part, joints, stamp)
+
+    def _seen_joints(self, seen: NDArray[np.bool_], place: Array, error: Array) -> dict[str, "_Joint"]:
+        """The joints of which enough keypoints are believed, at the means of those."""
+        of = self._made_of & seen
+        count = of.sum(axis=1)
+        share = of / np.maximum(count, 1)[:, None]
+        position = share @ np.where(seen[:, None], place, 0.0)
+        velocity = share @ self._filter.velocity
+        worst = np.minimum((of * error).max(axis=1), self._allowed).tolist()
+        velocity_error = (of * self._filter.velocity_error).max(axis=1).tolist()
+        return {
+            joint: _Joint(position[k], velocity[k], worst[k], velocity_error[k])
+            for k, joint in enumerate(self._joints)
+            if count[k] >= self._needed[k]
+        }
 
     def _report_part(self, k: int, part: BodyPart, joints: dict[str, "_Joint"], stamp: float) -> None:
         found = [
