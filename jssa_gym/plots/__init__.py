@@ -1,5 +1,6 @@
 """Figures and films; they need the extra ``plots``."""
 
+from jssa_gym.plots.audit import audited
 from jssa_gym.plots.backend import require, write_png
 from jssa_gym.plots.campaigns import Curve, degradation
 from jssa_gym.plots.episodes import gauge, label, profile, ribbon, write_film
@@ -10,6 +11,7 @@ from jssa_gym.plots.sensitivity import sensitivity
 
 __all__ = [
     "Curve",
+    "audited",
     "degradation",
     "gauge",
     "handovers",

@@ -54,8 +54,8 @@ def stretches(log: RobotLog, people: Sequence[Recording], gaps: Sequence[Gap], d
 
     Between samples people move on straight lines. Joints follow the cubic that has the positions and velocities of
     both samples; where velocities were not logged, the cubic spline with continuous acceleration through the positions,
-    which is the motion of Eq. (1) if these are a control step apart. The grid begins with the first sample of the robot;
-    samples on the grid are taken as they are, accelerations too where they were logged.
+    which is the motion of Eq. (1) if these are a control step apart. The grid begins with the first sample of the
+    robot; samples on the grid are taken as they are, accelerations too where they were logged.
     """
     begin = max(log.time[0], *(one.time[0] for one in people), log.time[0])
     end = min(log.time[-1], *(one.time[-1] for one in people), log.time[-1])
@@ -95,7 +95,7 @@ def _stretch(log: RobotLog, inside: Array, people: Sequence[Recording], dt: floa
 
 
 def _ends(time: Array, position: Array) -> str | tuple[tuple[int, Array], tuple[int, Array]]:
-    """Of the spline: at rest where the first, or last, three samples are alike, which a log mostly begins and ends with."""
+    """Of the spline: at rest where the first, or last, three samples are alike, as most logs begin and end."""
     still = np.zeros(position.shape[1])
     ends = [(1, still) if np.ptp(three, axis=0).max() < 1e-6 else (2, still) for three in (position[:3], position[-3:])]
     return ends[0], ends[1]

@@ -42,7 +42,7 @@ class Intervention:
     distance: float
     """Smallest robot-human distance in it, as logged [m]."""
     slowed: float
-    """By how much later the arm is at its end than at its beginning [s]."""
+    """By how much later the arm is when the next one begins, or at the end [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,9 @@ class AuditedStretch:
     def interventions(self) -> tuple[Intervention, ...]:
         """When and why."""
         safe, found = self.safe, []
-        for first, last in spans(safe.intervened, round(_APART / safe.dt)):
+        active = spans(safe.intervened, round(_APART / safe.dt))
+        ends = [*(first for first, _ in active[1:]), len(self.lateness)]
+        for (first, last), end in zip(active, ends, strict=True):
             status = max(safe.status[first:last].tolist())
             before = self.lateness[first - 1] if first else 0.0
             found.append(
@@ -98,7 +100,7 @@ class AuditedStretch:
                     Status(status).name,
                     next(filter(None, safe.reason[first:last].tolist()), ""),
                     float(self.logged.distance[first:last].min()),
-                    float(self.lateness[last - 1] - before),
+                    float(self.lateness[end - 1] - before),
                 )
             )
         return tuple(found)
@@ -141,7 +143,7 @@ class Audit:
         return float(sum(one.safe.intervened.sum() for one in self.stretches) * self.dt)
 
     def totals(self) -> tuple[dict[str, float | bool | None], dict[str, float | bool | None]]:
-        """Metrics over all stretches, as logged and with the shield: the worst of each, times summed up, rates weighed."""
+        """Metrics over all stretches, as logged and with the shield: the worst, sums of times, weighed rates."""
         one, other = (_together([stretch.summaries[k] for stretch in self.stretches]) for k in (0, 1))
         return one, other
 
