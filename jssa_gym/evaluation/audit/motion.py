@@ -1,7 +1,7 @@
 """A log's motion on the control grid: stated rules, and a gap stays a gap."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
@@ -79,7 +79,7 @@ def _stretch(log: RobotLog, inside: Array, people: Sequence[Recording], dt: floa
     grid = time[0] + dt * np.arange(count + 1)
     position = log.position[inside]
     if log.velocity is None:
-        curve = CubicSpline(time, position, bc_type=_ends(time, position))
+        curve = CubicSpline(time, position, bc_type=spline_ends(position))
     else:
         curve = CubicHermiteSpline(time, position, log.velocity[inside])
     inner = np.clip(grid, time[0], time[-1])
@@ -94,11 +94,13 @@ def _stretch(log: RobotLog, inside: Array, people: Sequence[Recording], dt: floa
     return Stretch(moments, states, _people_at(people, moments))
 
 
-def _ends(time: Array, position: Array) -> str | tuple[tuple[int, Array], tuple[int, Array]]:
-    """Of the spline: at rest where the first, or last, three samples are alike, as most logs begin and end."""
-    still = np.zeros(position.shape[1])
-    ends = [(1, still) if np.ptp(three, axis=0).max() < 1e-6 else (2, still) for three in (position[:3], position[-3:])]
-    return ends[0], ends[1]
+def spline_ends(position: Array) -> tuple[Any, Any]:
+    """Of the spline: at rest where the first, or last, three samples are alike; else the outermost pieces are one."""
+    still = (1, np.zeros(position.shape[1]))
+    first, last = (
+        still if np.ptp(three, axis=0).max() < 1e-6 else "not-a-knot" for three in (position[:3], position[-3:])
+    )
+    return first, last
 
 
 def _people_at(people: Sequence[Recording], moments: Array) -> Array:

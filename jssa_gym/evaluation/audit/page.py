@@ -17,13 +17,13 @@ _POINTS = 1200
 
 _READING = """The log says where the robot and the people were; this page says what follows from that for the capsules
 of the robot's model and of the people, and what a shield in the place of the robot's controller would have done, from
-the first sample on, had everybody moved as they did. People do not react to the slower robot. It is research software, no
-safety-rated device and no assessment of a cell."""
+the first sample on, had everybody moved as they did. People do not react to the slower robot. It is research software,
+no safety-rated device and no assessment of a cell."""
 
 _RULES = """Between samples joints follow the cubic of both samples' positions and velocities or, without velocities,
 the spline with continuous acceleration; people move on straight lines. Nothing is made up in a gap: it ends a stretch,
-and a shield would have gone on with its stored stop there. Accelerations and jerks are those of these curves: noise of the
-positions of size e makes accelerations wrong by about e / dt², and jerks by e / dt³."""
+and a shield would have gone on with its stored stop there. Accelerations and jerks are those of these curves: noise of
+the positions of size e makes accelerations wrong by about e / dt², and jerks by e / dt³."""
 
 
 def page(audit: Audit, command: str) -> str:

@@ -89,8 +89,8 @@ class AuditedStretch:
         """When and why."""
         safe, found = self.safe, []
         active = spans(safe.intervened, round(_APART / safe.dt))
-        ends = [*(first for first, _ in active[1:]), len(self.lateness)]
-        for (first, last), end in zip(active, ends, strict=True):
+        for k, (first, last) in enumerate(active):
+            end = active[k + 1][0] if k + 1 < len(active) else len(self.lateness)
             status = max(safe.status[first:last].tolist())
             before = self.lateness[first - 1] if first else 0.0
             found.append(

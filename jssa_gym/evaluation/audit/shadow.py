@@ -3,13 +3,17 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
 
+from jssa_gym.control.cascade import Cascade
 from jssa_gym.control.inverse import path_is_clear
 from jssa_gym.control.moves import brake_jerk
 from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan
 from jssa_gym.control.rejoin import Route, rejoin
 from jssa_gym.evaluation.audit.course import Bystanders, Course
+from jssa_gym.evaluation.audit.motion import spline_ends
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.viability import jerk_box
@@ -20,8 +24,8 @@ from jssa_gym.types import Array, Decision, JointState, Planes, Scene, Status
 _CLEAR = 0.005
 """Distance from table and itself that ways back to the log's path keep [m]."""
 
-_STIFFNESS = 25.0
-"""Of the law that follows a log that does not keep the limits [1/s]."""
+_SMOOTHED = (2.0, 4.0, 8.0)
+"""Deviations of the Gaussians that a log is smoothed with until it keeps the limits, in control steps."""
 
 
 SLOWED = "slowed along its path: at its own pace no stop would be verified, or the filter would not leave it alone"
@@ -59,31 +63,45 @@ class Shadowed(NamedTuple):
 def plan_of(states: Array, dt: float, robot: RobotModel) -> tuple[Plan, float]:
     """The motion of a log within the robot's limits, and how far that is from the log at most [rad].
 
+    One that exceeds them, by noise mostly, is smoothed a little; where that does not help, it is followed.
+
     Args:
         states: Of the log, shape (T + 1, 3, n).
         dt: Control step [s].
         robot: Whose.
     """
-    jerk = np.diff(states[:, 2], axis=0) / dt
-    plan = Plan.follow(states[0], jerk, dt, (len(jerk),))
+    plan = _planned(states, dt)
     if np.abs(plan.states[:, 0] - states[:, 0]).max() < 1e-6 and plan.keeps(robot.limits):
         return plan, 0.0
-    bounds = robot.limits.bounds()
-    state = np.array(states[0])
-    low, high = robot.limits.position.T
-    state[0] = np.clip(state[0], low, high)
-    state[1:] = np.clip(state[1:], -bounds[2:4], bounds[2:4])
+    grid = dt * np.arange(len(states))
+    for width in _SMOOTHED:
+        smooth = gaussian_filter1d(states[:, 0], width, axis=0, mode="nearest")
+        curve = CubicSpline(grid, smooth, bc_type=spline_ends(smooth))
+        plan = _planned(np.stack([curve(grid), curve(grid, 1), curve(grid, 2)], axis=1), dt)
+        if plan.keeps(robot.limits):
+            break
+    else:
+        plan = _followed(states, dt, robot)
+    return plan, float(np.abs(plan.states[:, 0] - states[:, 0]).max())
+
+
+def _planned(states: Array, dt: float) -> Plan:
+    jerk = np.diff(states[:, 2], axis=0) / dt
+    return Plan.follow(states[0], jerk, dt, (len(jerk),))
+
+
+def _followed(states: Array, dt: float, robot: RobotModel) -> Plan:
+    """The motion of an arm that is sent along a log, and is as fast as its limits let it be."""
+    bounds, law = robot.limits.bounds(), Cascade(robot.limits, share=1.0)
+    state = np.clip(states[0], [bounds[0], -bounds[2], -bounds[3]], [bounds[1], bounds[2], bounds[3]])
     first, lower, upper = state.copy(), np.empty(robot.n), np.empty(robot.n)
-    kept, w = np.empty_like(jerk), _STIFFNESS
-    for k in range(len(jerk)):
-        wanted = states[k + 1]
-        # without its acceleration: of a log it is mostly noise
-        pull = -3.0 * w * state[2] + 3.0 * w**2 * (wanted[1] - state[1]) + w**3 * (wanted[0] - state[0])
+    jerk = np.empty((len(states) - 1, robot.n))
+    for k, wanted in enumerate(states[1:]):
+        pull = law.jerk_at_speed(JointState(*state), wanted[1] + law.kp * (wanted[0] - state[0]))
         jerk_box(state, bounds, dt, lower, upper)
-        kept[k] = np.clip(pull, lower, upper)
-        integrate(state, kept[k], dt, state)
-    followed = Plan.follow(first, kept, dt, (len(kept),))
-    return followed, float(np.abs(followed.states[:, 0] - states[:, 0]).max())
+        jerk[k] = np.clip(pull, lower, upper)
+        integrate(state, jerk[k], dt, state)
+    return Plan.follow(first, jerk, dt, (len(jerk),))
 
 
 def shadow(
