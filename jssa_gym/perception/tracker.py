@@ -92,9 +92,11 @@ class Tracker:
     """Follows people whose ids are known, from frame to frame.
 
     A keypoint is believed if it is finite, sure enough for the shield's ``position_error``, and no farther from where
-    it was last believed than a person moves in the time between. Capsules are *measurements*: a part is as old as the
-    last frame in which all that it needs was believed. Positions are the filter's, but never farther from what was
-    measured than ``position_error`` leaves room for; velocities are the filter's.
+    it was last believed than a person moves in the time between. Of several people, all of a person's have to be so,
+    and one that could as well be somebody else's counts only if theirs is believed too: whoever is called by whose
+    name, everybody is where somebody is said to be. Capsules are *measurements*: a part is as old as the last frame in
+    which all that it needs was believed. Positions are the filter's, but never farther from what was measured than
+    ``position_error`` leaves room for; velocities are the filter's.
 
     A joint of an arm or leg that is not seen is within its limb's length ℓ of the joint that it hangs on. It is then
     reported there, as old as somebody at the speed bound v of its part takes for that length, ℓ/v: what a shield makes
@@ -181,15 +183,39 @@ class Tracker:
             return f"its stamp {stamp:g} s is not after {self.stamp:g} s"
         found = ids.tolist()
         self._stranger = self._stranger or not set(found) <= set(self.people)
+        looks = []
         for person, one in zip(self.people, self._bodies, strict=True):
             # of two who are called alike neither can be known to be the one
-            if found.count(person) == 1:
-                row = found.index(person)
-                one.update(stamp, position[row], confidence[row])
-            else:
-                one.update(stamp, *nothing_found(self.skeleton))
+            rows = found.index(person) if found.count(person) == 1 else None
+            nothing = np.full(position.shape[1:], np.nan), np.zeros(confidence.shape[1])
+            looks.append(one.look(*(nothing if rows is None else (position[rows], confidence[rows]))))
+        for one, look, believed in zip(self._bodies, looks, self._believed(stamp, looks), strict=True):
+            one.update(stamp, look, believed)
         self.stamp = stamp
         return ""
+
+    def _believed(self, stamp: float, looks: list["_Look"]) -> list[NDArray[np.bool_]]:
+        """Which keypoints of everybody are believed, shape (k,) each.
+
+        Where a keypoint could be somebody else's, it is believed only if theirs is seen as well, where it can be: if
+        the two are exchanged, each is still where one of the two is said to be.
+        """
+        bodies = self._bodies
+        inside = [one.can_be(stamp, look) for one, look in zip(bodies, looks, strict=True)]
+        if len(bodies) == 1:
+            return [looks[0].seen & inside[0]]
+        # of somebody of whom something cannot be, nothing is believed: it may be somebody else
+        whole = [look.seen & (inside[i] | ~look.seen).all() for i, look in enumerate(looks)]
+        doubt = {
+            (i, j): look.seen & other.can_be(stamp, look, known=True)
+            for i, look in enumerate(looks)
+            for j, other in enumerate(bodies)
+            if j != i
+        }
+        for _ in bodies:
+            for (i, j), mistaken in doubt.items():
+                whole[i] &= ~mistaken | whole[j]
+        return whole
 
     def at(self, now: float) -> Tracked:
         """Everybody as known at a moment [s]; never raises."""
@@ -208,12 +234,6 @@ class Tracker:
             person,
         )
         return Tracked(human, age, valid, position_error, velocity_error)
-
-
-def nothing_found(skeleton: KeypointTable) -> tuple[Array, Array]:
-    """Positions and confidences of somebody of whom nothing was found."""
-    count = len(skeleton.keypoints)
-    return np.full((count, 3), np.nan), np.zeros(count)
 
 
 _REPORTED = ("ends", "velocities", "stamp", "usable", "position_error", "velocity_error")
@@ -249,9 +269,9 @@ class _TrackedBody:
         speeds = np.array([assumed.end_speeds_of(part.name) for part in of.parts]).reshape(m, 2)
         self._speeds = speeds
         self._held = np.array([assumed.acceleration_of(part.name) == 0.0 for part in of.parts])
-        # no keypoint is faster than the fastest part that it belongs to
-        self._speed = np.full(count, float(speeds.max(initial=assumed.human_speed)))
-        self._filter = VelocityFilter(count, of.params.acceleration, float(self._speed.max()), of.params.deviation)
+        fastest = float(speeds.max(initial=assumed.human_speed))
+        self._speed = self._speeds_of_keypoints(of, fastest)
+        self._filter = VelocityFilter(count, of.params.acceleration, fastest, of.params.deviation)
         self._last, self._last_error = np.full((count, 3), np.nan), np.zeros(count)
         self._last_stamp = np.full(count, -np.inf)
         self._now = -np.inf
@@ -261,21 +281,44 @@ class _TrackedBody:
         self.usable = np.zeros(m, np.bool_)
         self.position_error, self.velocity_error = np.full(m, np.inf), np.full(m, np.inf)
 
+    def _speeds_of_keypoints(self, of: Tracker, fastest: float) -> Array:
+        """No keypoint is faster than any part that it is an end of allows, shape (k,) [m/s]."""
+        found = np.full(len(of.skeleton.keypoints), fastest)
+        for part, speeds in zip(of.parts, self._speeds, strict=True):
+            for joint, speed in zip((part.start, part.end), speeds, strict=True):
+                points = of._joints[joint]
+                if len(points) == 1 or joint == "head":  # of two, one may be faster than their mean
+                    found[points] = np.minimum(found[points], speed)
+        return found
+
     # ---- keypoints -----------------------------------------------------------------------------------
 
-    def update(self, stamp: float, position: Array, confidence: Array) -> None:
-        """Take in one frame's keypoints, shapes (k, 3) and (k,)."""
+    def look(self, position: Array, confidence: Array) -> "_Look":
+        """What is to be seen of one frame's keypoints, shapes (k, 3) and (k,)."""
         params = self._params
         sure = np.where((confidence > 0.0) & (confidence <= 1.0), confidence, 0.0)
         error = params.unsure + sure * (params.sure - params.unsure)
         finite = np.isfinite(position).all(axis=1)
-        position = np.where(finite[:, None], position, 0.0)
         seen = finite & (sure > 0.0) & (error <= self._allowed + _ROUNDING)
+        return _Look(np.where(finite[:, None], position, 0.0), error, seen)
+
+    def can_be(self, stamp: float, look: "_Look", known: bool = False) -> NDArray[np.bool_]:
+        """Which keypoints are no farther from where they were believed than a person moves since, shape (k,).
+
+        Of those that never were nobody can tell: they can be, unless they have to be ``known``.
+        """
+        there = np.isfinite(self._last_stamp)
+        elapsed = np.where(there, stamp - self._last_stamp, 0.0)
+        way = np.linalg.norm(look.position - np.where(there[:, None], self._last, look.position), axis=1)
+        near = way <= self._speed * elapsed + look.error + self._last_error + _ROUNDING
+        return near & there if known else near
+
+    def update(self, stamp: float, look: "_Look", seen: NDArray[np.bool_]) -> None:
+        """Take in one frame's keypoints, of which those in ``seen`` (k,) are believed."""
+        position, error = look.position, look.error
         known = np.isfinite(self._last_stamp)
         elapsed = np.where(known, stamp - self._last_stamp, 0.0)
-        way = np.linalg.norm(position - np.where(known[:, None], self._last, position), axis=1)
-        seen &= way <= self._speed * elapsed + error + self._last_error + _ROUNDING
-        anew = seen & ~(known & (elapsed <= params.hold))
+        anew = seen & ~(known & (elapsed <= self._params.hold))
         if np.isfinite(self._now):
             self._filter.advance(stamp - self._now, seen & ~anew, position, error)
         self._filter.begin(anew, position, error)
@@ -352,6 +395,17 @@ class _TrackedBody:
     def _joint_stamp(self, joint: str) -> float:
         stamps = self._last_stamp[self._joints[joint]]
         return float(stamps.max() if joint == "head" else stamps.min())
+
+
+class _Look(NamedTuple):
+    """Keypoints of one person in a frame."""
+
+    position: Array
+    """Shape (k, 3) [m]; 0 where not found."""
+    error: Array
+    """Largest, shape (k,) [m]."""
+    seen: NDArray[np.bool_]
+    """Whether each was found and is sure enough, shape (k,)."""
 
 
 class _Joint(NamedTuple):

@@ -327,8 +327,9 @@ def test_a_keypoint_that_jumps_is_not_believed_until_it_can_have_come_there():
     for k in range(1, 30):
         tracker.update(frame(body((1.0, 1.0)), stamp=k / RATE))
         age = tracker.at(k / RATE).age
-        # 1 m at no more than 2 m/s, less twice the error
-        assert (age > 0.0).all() if k / RATE < 0.47 else (age < 0.1).all()
+        # 1 m at 1.6 to 2 m/s, less twice the error
+        assert (age > 0.0).all() or k / RATE > 0.47
+        assert (age < 0.1).all() or k / RATE < 0.63
 
 
 def test_people_who_are_taken_for_each_other_are_not_believed():
@@ -343,6 +344,64 @@ def test_people_who_are_taken_for_each_other_are_not_believed():
         np.testing.assert_allclose(seen.human.start, tracker.at(0.0).human.start)
     tracker.update(frame(people, stamp=0.3))
     np.testing.assert_allclose(tracker.at(0.3).age, 0.0)
+
+
+def uncovered(people, seen, now):
+    """By how much some part of somebody is outside of all that a shield makes of the reports of that name [m]."""
+    worst = -np.inf
+    for k, name in enumerate(people.names):
+        named = [i for i, other in enumerate(seen.human.names) if other == name and np.isfinite(seen.age[i])]
+        if len(named) < 2:
+            continue
+        far = []
+        for i in named:
+            growth = ASSUMED.position_error + max(ASSUMED.end_speeds_of(name)) * seen.age[i]
+            far.append(outside(people, seen, i, growth, (people.start[k], people.end[k])))
+        worst = max(worst, min(far))
+    return worst
+
+
+def crowded(seed, careful=True):
+    """Two people who walk through each other, exchanged and hidden now and then; the worst of :func:`uncovered`."""
+    rng = np.random.default_rng(seed)
+    tracker, walk = Tracker("coco17", ASSUMED, (0, 1), body="six", params=PARAMS), Swinging(rng)
+    if not careful:
+        tracker._believed = lambda stamp, looks: [
+            look.seen & one.can_be(stamp, look) for one, look in zip(tracker._bodies, looks, strict=True)
+        ]
+    walk.root = np.array([[2.0, 0.0], [2.0, 0.0]]) + rng.uniform(-0.15, 0.15, (2, 2))
+    walk.heading = walk.heading[:1].repeat(2) + rng.uniform(-0.2, 0.2, 2)
+    gone, swapped, worst = np.zeros((2, 17), np.int64), 0, -np.inf
+    for k in range(80):
+        people = walk.people()
+        ids, points = keypoints_of(people, SKELETONS["coco17"])
+        if k > 3:
+            if rng.random() < 0.1:  # all of somebody, or a keypoint
+                gone[rng.integers(2)] = rng.integers(1, 12)
+            hidden = (gone == 0) & (rng.random(gone.shape) < 0.03)
+            gone = np.where(hidden, rng.integers(1, 12, gone.shape), gone)
+            swapped = rng.integers(1, 10) if swapped == 0 and rng.random() < 0.15 else max(swapped - 1, 0)
+        confidence = np.where(gone == 0, 1.0, 0.0)
+        gone = np.maximum(gone - 1, 0)
+        called = ids[::-1] if swapped else ids
+        tracker.update(Frame(k / RATE, called, points + 0.02 * ball(rng, points.shape[:2]), confidence))
+        worst = max(worst, uncovered(people, tracker.at(k / RATE), k / RATE))
+        walk.step(1.0 / RATE)
+        after = walk.way[0] + 2.0 * (walk.root[0] - walk.root[1])  # they stay together
+        walk.wanted = np.array([walk.wanted[0], after * min(1.0, 1.5 / max(float(np.linalg.norm(after)), 1e-9))])
+    return worst
+
+
+@pytest.mark.long
+@hypothesis(max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_everybody_is_covered_whoever_is_called_what(seed):
+    assert crowded(seed) <= 1e-9
+
+
+def test_of_people_who_stand_together_nobody_is_lost_by_that_care_alone():
+    # the power of the test above: each keypoint believed by itself
+    assert max(crowded(seed, careful=False) for seed in range(12)) > 0.01
 
 
 def test_whoever_was_not_announced_is_a_fault_until_reset():
