@@ -106,6 +106,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.Wrapper.__init__(self, env)
         _refuse_shield(env, type(self))
         self.faults = faults
+        self._direct = faults if isinstance(faults, SensorFaults) else SensorFaults()
         self._camera: Camera | None = None
         self._joints: Proprioception | None = None
         if isinstance(faults, SensorFaults) and faults.joints:
@@ -155,10 +156,10 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
             self._camera = None if truth is None else Camera(self.faults, truth)
             return
         names = () if truth is None else truth.human.names
-        unknown = [name for name in self.faults.missing if name not in names]
+        unknown = [name for name in self._direct.missing if name not in names]
         if unknown and names:
             raise ParameterError(f"unknown body parts {unknown} in missing; valid: {', '.join(dict.fromkeys(names))}")
-        faults, m = self.faults, len(names)
+        faults, m = self._direct, len(names)
         self._absent = np.array([name in faults.missing for name in names], np.bool_)
         self._dropouts = Bursts(faults.dropout, faults.dropout_ticks, m)
         self._outliers = Bursts(faults.outlier, faults.outlier_ticks, m)
@@ -187,16 +188,16 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         frozen = bool(self._freezes.on[0])
         if not frozen:
             self._shown = self._arrived
-        if not frozen or self.faults.freeze_reported:
+        if not frozen or self._direct.freeze_reported:
             self._age = now - self._shown.stamp
-        age = self._age + self.faults.shift if self._misstamps.on[0] else self._age.copy()
+        age = self._age + self._direct.shift if self._misstamps.on[0] else self._age.copy()
         start, end, start_velocity, end_velocity = self._shown.data.copy()
         capsules = CapsuleSet(start, end, start_velocity, end_velocity, people.radius, people.names, people.person)
         return Scene(now, truth.robot, capsules, truth.static, truth.planes, age, self._shown.measured.copy())
 
     def _measure(self, truth: Scene, rng: np.random.Generator) -> _Sample:
         """Everybody as seen now, whenever that will arrive."""
-        faults, people, m = self.faults, truth.human, len(self._age)
+        faults, people, m = self._direct, truth.human, len(self._age)
         if self._swaps.step(rng)[0]:
             self._order = _swapped(people.person, rng)
         order = self._order if self._swaps.on[0] else np.arange(m)
@@ -222,7 +223,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._under_way = [sample for sample in self._under_way if sample.arrival > now + _ROUNDING]
         if not arrived:
             return
-        if self.faults.reorder:
+        if self._direct.reorder:
             self._arrived = max(arrived, key=lambda sample: (sample.arrival, sample.number))
         else:
             self._arrived = max(*arrived, self._arrived, key=lambda sample: sample.number)

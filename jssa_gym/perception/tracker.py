@@ -298,7 +298,7 @@ class _TrackedBody:
         params = self._params
         sure = np.where((confidence > 0.0) & (confidence <= 1.0), confidence, 0.0)
         error = params.unsure + sure * (params.sure - params.unsure)
-        finite = np.isfinite(position).all(axis=1)
+        finite = np.asarray(np.isfinite(position).all(axis=1))
         seen = finite & (sure > 0.0) & (error <= self._allowed + _ROUNDING)
         return _Look(np.where(finite[:, None], position, 0.0), error, seen)
 

@@ -1,11 +1,12 @@
 """A motion beside people as an episode's trace, so that it is measured as every other episode is."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.envs.surroundings import Surroundings
+from jssa_gym.evaluation.trace import LATER, trace_of
 from jssa_gym.kernels.motion import violates
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Decision, Planes, Status, Trace
@@ -69,92 +70,81 @@ def traced(
         ends: Of everybody's capsules, shape (T + 1, 2, m, 3) [m].
         of: The course.
     """
-    count, around, bounds = len(of.jerk), Surroundings(robot, len(people.names)), robot.limits.bounds()
-    seen = {
-        "distance": np.empty(count),
-        "speed": np.empty(count),
-        "acceleration_of_distance": np.empty(count),
-        "pair": np.empty((count, 2), np.int64),
-        "contact_speed": np.empty(count),
-        "limit_violation": np.zeros(count, np.bool_),
+    around, bounds = Surroundings(robot, len(people.names)), robot.limits.bounds()
+    once = {
+        "name": name,
+        "dt": dt,
+        "robot": robot.name,
+        "dynamics": "kinematic",
+        "task": "",
+        "holds": False,
+        "d_min": D_MIN,
+        "ended": "truncated",
+        "mount": np.array(robot.mount),
+        "initial_state": np.array(of.states[0]),
+        "initial_human": np.array(ends[0]),
+        "human_radius": people.radius,
+        "human_person": people.person,
+        "human_names": people.names,
+        "plane_normal": planes.normal,
+        "plane_offset": planes.offset,
+        "plane_names": planes.names,
+        "goal": np.zeros((len(of.jerk), 0)),
     }
-    for k in range(count):
+    rows = []
+    for k, (jerk, nominal) in enumerate(zip(of.jerk, of.nominal, strict=True)):
+        state = np.ascontiguousarray(of.states[k + 1])
         # the last moment's velocities are those of the way to it
         later = ends[k + 2] if k + 2 < len(ends) else 2.0 * ends[k + 1] - ends[k]
         around.take(people.at(ends[k + 1], later, dt))
-        around.look(np.ascontiguousarray(of.states[k + 1]))
+        around.look(state)
         closest = around.closest
-        seen["distance"][k], seen["speed"][k] = closest.distance, closest.rate
-        seen["acceleration_of_distance"][k], seen["pair"][k] = closest.curvature, (closest.robot, closest.human)
-        seen["contact_speed"][k] = closest.contact_speed
-        seen["limit_violation"][k] = violates(of.states[k + 1], of.jerk[k], bounds, _ROUNDING)
-    told = _told(of, robot)
-    return Trace(
-        name=name,
-        dt=dt,
-        robot=robot.name,
-        dynamics="kinematic",
-        task="",
-        holds=False,
-        d_min=D_MIN,
-        ended="truncated",
-        mount=np.array(robot.mount),
-        initial_state=np.array(of.states[0]),
-        initial_human=np.array(ends[0]),
-        human_radius=people.radius,
-        human_person=people.person,
-        human_names=people.names,
-        plane_normal=planes.normal,
-        plane_offset=planes.offset,
-        plane_names=planes.names,
-        time=dt * np.arange(1, count + 1),
-        position=of.states[1:, 0].copy(),
-        velocity=of.states[1:, 1].copy(),
-        acceleration=of.states[1:, 2].copy(),
-        jerk=of.jerk,
-        nominal=of.nominal,
-        goal=np.zeros((count, 0)),
-        reward=np.zeros(count),
-        success=np.zeros(count, np.bool_),
-        contact=seen["distance"] <= 0.0,
-        human_start=ends[1:, 0].copy(),
-        human_end=ends[1:, 1].copy(),
-        shield_time=np.full(count, np.nan),
-        **seen,
-        **told,
-    )
+        rows.append(
+            {
+                "time": dt * (k + 1),
+                "position": state[0],
+                "velocity": state[1],
+                "acceleration": state[2],
+                "jerk": jerk,
+                "nominal": nominal,
+                "reward": 0.0,
+                "success": False,
+                "limit_violation": violates(state, jerk, bounds, _ROUNDING),
+                "distance": closest.distance,
+                "speed": closest.rate,
+                "acceleration_of_distance": closest.curvature,
+                "pair": (closest.robot, closest.human),
+                "contact": closest.distance <= 0.0,
+                "contact_speed": closest.contact_speed,
+                "shield_time": np.nan,
+                "human_start": ends[k + 1, 0],
+                "human_end": ends[k + 1, 1],
+                **(_UNTOLD if of.decisions is None else _told(of.decisions[k], jerk, nominal, robot)),
+            }
+        )
+    return trace_of(once, rows)
 
 
-def _told(of: Course, robot: RobotModel) -> dict[str, Array | NDArray]:
-    """What a shield said, or as where there is none."""
-    count, unknown = len(of.jerk), np.full(len(of.jerk), np.nan)
-    if of.decisions is None:
-        return {
-            "status": np.zeros(count, np.int64),
-            "reason": np.full(count, ""),
-            "intervened": np.zeros(count, np.bool_),
-            "correction": unknown,
-            "phi": unknown,
-            "slack": unknown,
-            "margin": unknown,
-            "kind": np.full(count, ""),
-            "choice": np.full(count, -1),
-            "override": unknown,
-        }
+_UNTOLD: dict[str, Any] = {
+    "status": int(Status.NOMINAL),
+    "reason": "",
+    "intervened": False,
+    "correction": np.nan,
+    "phi": np.nan,
+    "slack": np.nan,
+}
+"""Of a motion without a shield."""
+
+
+def _told(decision: Decision, jerk: Array, nominal: Array, robot: RobotModel) -> dict[str, Any]:
+    """What a shield said."""
     with np.errstate(invalid="ignore"):
-        correction = (np.abs(of.jerk - of.nominal) / robot.limits.jerk).max(axis=1)
-    made = of.decisions
+        correction = float((np.abs(jerk - nominal) / robot.limits.jerk).max())
     return {
-        "status": np.array([int(one.status) for one in made], np.int64),
-        "reason": np.array([one.reason for one in made], np.str_),
+        "status": int(decision.status),
+        "reason": decision.reason,
         # slowed along its path is not as asked for, whatever the jerk
-        "intervened": (~(correction <= _CORRECTED))
-        | np.array([one.status != Status.NOMINAL for one in made], np.bool_),
+        "intervened": not correction <= _CORRECTED or decision.status != Status.NOMINAL,
         "correction": correction,
-        "phi": np.array([one.phi for one in made], np.float64),
-        "slack": np.array([one.slack for one in made], np.float64),
-        "margin": np.array([one.margin for one in made], np.float64),
-        "kind": np.array([one.kind for one in made], np.str_),
-        "choice": np.array([one.choice for one in made], np.int64),
-        "override": np.array([one.override for one in made], np.float64),
+        **{name: getattr(decision, name) for name in ("phi", "slack", *LATER)},
     }

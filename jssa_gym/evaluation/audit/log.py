@@ -147,7 +147,7 @@ def _read_csv(path: Path, n: int) -> RobotLog:
 
 def _read_parquet(path: Path, n: int) -> RobotLog:
     try:
-        from pyarrow import parquet
+        from pyarrow import parquet  # ty: ignore[import-not-found]
     except ImportError as error:
         raise MissingExtraError(f"{path.name}: .parquet needs pyarrow: pip install pyarrow") from error
     with refused(LogError, f"{path.name} is no table of numbers"):
@@ -167,13 +167,12 @@ def _read_npz(path: Path, n: int) -> RobotLog:
         missing = [name for name in ("time", "position") if name not in there]
         if missing:
             raise LogError(f"misses {', '.join(missing)}; a log has time, position, and maybe velocity, acceleration")
-        return RobotLog(
-            **{
-                name: read_array(archive, name)
-                for name in ("time", "position", "velocity", "acceleration")
-                if name in there
-            }
-        )
+        found = {
+            name: read_array(archive, name)
+            for name in ("time", "position", "velocity", "acceleration")
+            if name in there
+        }
+    return RobotLog(found["time"], found["position"], found.get("velocity"), found.get("acceleration"))
 
 
 _WHAT = {"pos": "position", "vel": "velocity", "acc": "acceleration"}

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from jssa_gym.evaluation.audit.log import RobotLog
@@ -73,7 +74,7 @@ def stretches(log: RobotLog, people: Sequence[Recording], gaps: Sequence[Gap], d
     return found
 
 
-def _stretch(log: RobotLog, inside: Array, people: Sequence[Recording], dt: float) -> Stretch:
+def _stretch(log: RobotLog, inside: NDArray[np.bool_], people: Sequence[Recording], dt: float) -> Stretch:
     time = log.time[inside]
     count = int((time[-1] - time[0]) / dt + _ON_GRID)
     grid = time[0] + dt * np.arange(count + 1)

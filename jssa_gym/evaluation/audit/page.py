@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jssa_gym.evaluation.audit.result import FIGURES, Audit, AuditedStretch, Closest
+from jssa_gym.evaluation.audit.result import FIGURES, Audit, AuditedStretch, ClosestApproach
 from jssa_gym.evaluation.report import METRICS
 from jssa_gym.evaluation.svg import Markup, Panel, document, figure, note, rows_of, tag
 from jssa_gym.text import counted
@@ -86,7 +86,7 @@ def _figures(audit: Audit) -> Markup:
     return rows_of(["", "as logged", "with the shield", "what it is"], rows)
 
 
-def _part(closest: Closest | None, what: str) -> str:
+def _part(closest: ClosestApproach | None, what: str) -> str:
     return "-" if closest is None else _told(getattr(closest, what))
 
 

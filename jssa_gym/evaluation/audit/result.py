@@ -46,7 +46,7 @@ class Intervention:
 
 
 @dataclass(frozen=True, slots=True)
-class Closest:
+class ClosestApproach:
     """The closest approach."""
 
     time: float
@@ -79,7 +79,7 @@ class AuditedStretch:
     """Distance minus S_p, as logged and with the shield, shape (T,) each [m]."""
     summaries: tuple[Summary, Summary]
     """As logged, and with the shield."""
-    closest: tuple[Closest | None, Closest | None]
+    closest: tuple[ClosestApproach | None, ClosestApproach | None]
     """None without people."""
     off: float
     """How far the motion that the shield was asked for is from a log that exceeds the limits [rad]."""
@@ -147,7 +147,7 @@ class Audit:
         one, other = (_together([stretch.summaries[k] for stretch in self.stretches]) for k in (0, 1))
         return one, other
 
-    def closest(self, which: int) -> Closest | None:
+    def closest(self, which: int) -> ClosestApproach | None:
         """The closest approach as logged (0) or with the shield (1)."""
         found = [stretch.closest[which] for stretch in self.stretches]
         return min((one for one in found if one is not None), key=lambda one: one.distance, default=None)

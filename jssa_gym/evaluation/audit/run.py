@@ -11,7 +11,7 @@ from jssa_gym.envs.world import SCENES, planes_of
 from jssa_gym.evaluation.audit.course import Bystanders, Course, traced
 from jssa_gym.evaluation.audit.log import RobotLog, read_log
 from jssa_gym.evaluation.audit.motion import Gap, Stretch, gaps_of, stretches
-from jssa_gym.evaluation.audit.result import Audit, AuditedStretch, Closest
+from jssa_gym.evaluation.audit.result import Audit, AuditedStretch, ClosestApproach
 from jssa_gym.evaluation.audit.shadow import shadow
 from jssa_gym.evaluation.geometry import geometry
 from jssa_gym.evaluation.metrics import SeparationParams, separation_margin, summarise
@@ -163,7 +163,7 @@ def _judged(
     )
 
 
-def closest_of(trace: Trace, robot: RobotModel, people: Bystanders, time: Array) -> Closest | None:
+def closest_of(trace: Trace, robot: RobotModel, people: Bystanders, time: Array) -> ClosestApproach | None:
     """The closest approach of a trace; None without people."""
     if not len(people.names):
         return None
@@ -178,7 +178,7 @@ def closest_of(trace: Trace, robot: RobotModel, people: Bystanders, time: Array)
     axis = arm.end[i] - arm.start[i]
     share = float(np.clip((point - arm.start[i]) @ axis / max(float(axis @ axis), 1e-18), 0.0, 1.0))
     velocity = (1.0 - share) * arm.start_velocity[i] + share * arm.end_velocity[i]
-    return Closest(
+    return ClosestApproach(
         float(time[k]),
         float(trace.distance[k]),
         robot.capsule_names[i],
