@@ -163,7 +163,8 @@ class Tracker:
     def update(self, frame: Frame) -> bool:
         """Take in a frame; whether it was not left out. Never raises."""
         try:
-            self.refused = self._take(frame)
+            with np.errstate(over="ignore", invalid="ignore"):  # of numbers that nothing is as far as
+                self.refused = self._take(frame)
         except Exception as error:  # whatever a detector delivers, the arm must go on safely
             self.refused = f"the frame cannot be read: {error or type(error).__name__}"
         return not self.refused

@@ -453,6 +453,7 @@ def test_all_that_is_found_is_json_and_a_page():
     html = page(found, "jssa-gym audit <log>")
     assert "&lt;log&gt;" in html
     assert "<svg" in html
+    assert "\\n" not in html
     assert "The shield would have intervened" in html
     assert "http" not in html.replace("http://www.w3.org/2000/svg", "")
     gone = sum(one.slowed for one in found.interventions)

@@ -289,6 +289,7 @@ def test_what_is_not_sure_enough_is_not_believed():
     [
         lambda f: f._replace(position=np.where(np.arange(3) == 1, np.nan, f.position)),
         lambda f: f._replace(position=f.position + np.inf),
+        lambda f: f._replace(position=f.position + 1e308),
         lambda f: f._replace(position=f.position[:, :5]),
         lambda f: f._replace(position=f.position[0]),
         lambda f: f._replace(position="keypoints"),

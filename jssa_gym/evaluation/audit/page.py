@@ -15,15 +15,20 @@ from jssa_gym.types import Array
 _POINTS = 1200
 """Points that a curve of a page has at most."""
 
-_READING = """The log says where the robot and the people were; this page says what follows from that for the capsules
-of the robot's model and of the people, and what a shield in the place of the robot's controller would have done, from
-the first sample on, had everybody moved as they did. People do not react to the slower robot. It is research software,
-no safety-rated device and no assessment of a cell."""
+_READING = (
+    "The log says where the robot and the people were; this page says what follows from that for the capsules of "
+    "the robot's model and of the people, and what a shield in the place of the robot's controller would have "
+    "done, from the first sample on, had everybody moved as they did. People do not react to the slower robot. "
+    "It is research software, no safety-rated device and no assessment of a cell."
+)
 
-_RULES = """Between samples joints follow the cubic of both samples' positions and velocities or, without velocities,
-the spline with continuous acceleration; people move on straight lines. Nothing is made up in a gap: it ends a stretch,
-and a shield would have gone on with its stored stop there. Accelerations and jerks are those of these curves: noise of
-the positions of size e makes accelerations wrong by about e / dt², and jerks by e / dt³."""
+_RULES = (
+    "Between samples joints follow the cubic of both samples' positions and velocities or, without velocities, "
+    "the spline with continuous acceleration; people move on straight lines. Nothing is made up in a gap: it "
+    "ends a stretch, and a shield would have gone on with its stored stop there. Accelerations and jerks are "
+    "those of these curves: noise of the positions of size e makes accelerations wrong by about e / dt², and "
+    "jerks by e / dt³."
+)
 
 
 def page(audit: Audit, command: str) -> str:
@@ -74,16 +79,18 @@ def _figures(audit: Audit) -> Markup:
     rows = []
     for name in FIGURES:
         unit = units[name].unit
-        rows.append([f"{name} [{unit}]" if unit else name, _told(logged[name]), _told(safe[name]), units[name].text])
+        rows.append([f"{name} [{unit}]" if unit else name, units[name].text, _told(logged[name]), _told(safe[name])])
     for what in ("time", "distance", "speed", "approach", "robot", "human"):
         unit = {"time": " [s]", "distance": " [m]", "speed": " [m/s]", "approach": " [m/s]"}.get(what, "")
         text = {
-            "time": "Of the closest approach.",
+            "time": "Of the closest approach, by the log's clock.",
+            "robot": "Capsule of the arm.",
+            "human": "Body part.",
             "speed": "Of the arm's nearest point then.",
             "approach": "Rate at which the distance falls then.",
         }.get(what, "")
-        rows.append([f"closest {what}{unit}", *(_part(audit.closest(k), what) for k in (0, 1)), text])
-    return rows_of(["", "as logged", "with the shield", "what it is"], rows)
+        rows.append([f"closest {what}{unit}", text, *(_part(audit.closest(k), what) for k in (0, 1))])
+    return rows_of(["", "what it is", "as logged", "with the shield"], rows, text=2, kind="text long")
 
 
 def _part(closest: ClosestApproach | None, what: str) -> str:
@@ -103,10 +110,11 @@ def _interventions(audit: Audit) -> list[Markup]:
     if not found:
         return [tag("p", "None.")]
     rows = [
-        [f"{one.start:.3f}", f"{one.end:.3f}", one.status, f"{one.distance:.3f}", f"{one.slowed:.3f}", one.reason]
+        [one.reason, f"{one.start:.3f}", f"{one.end:.3f}", one.status, f"{one.distance:.3f}", f"{one.slowed:.3f}"]
         for one in found
     ]
-    return [rows_of(["from [s]", "to [s]", "status", "distance as logged [m]", "later by [s]", "why"], rows)]
+    titles = ["why", "from [s]", "to [s]", "status", "distance as logged [m]", "later by [s]"]
+    return [rows_of(titles, rows, kind="text long")]
 
 
 def _curves(stretch: AuditedStretch) -> list[Markup]:
