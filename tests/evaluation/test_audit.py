@@ -4,6 +4,8 @@ import csv
 import dataclasses
 import functools
 import json
+import sys
+import types
 
 import numpy as np
 import pytest
@@ -308,9 +310,21 @@ def test_other_files_are_refused_by_name(tmp_path, name, content, message):
 
 def test_parquet_says_what_to_install(tmp_path, monkeypatch):
     (tmp_path / "a.parquet").write_bytes(b"x")
-    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingExtraError, match="pip install pyarrow"):
         read_log(tmp_path / "a.parquet", 6)
+
+
+def test_parquet_is_read_as_a_table_is(tmp_path, monkeypatch):
+    # pyarrow's part of it, played by a table of columns
+    table = dict(zip(HEADER, np.array(ROWS).T, strict=True))
+    column = type("Column", (), {"__init__": lambda self, x: setattr(self, "x", x), "to_numpy": lambda self: self.x})
+    read = type("Table", (), {"column_names": list(table), "column": lambda self, k: column(list(table.values())[k])})
+    pyarrow = types.ModuleType("pyarrow")
+    pyarrow.parquet = types.SimpleNamespace(read_table=lambda path: read())
+    monkeypatch.setitem(sys.modules, "pyarrow", pyarrow)
+    (tmp_path / "a.parquet").write_bytes(b"x")
+    np.testing.assert_allclose(read_log(tmp_path / "a.parquet", 6).position, np.array(ROWS)[:, 1:])
 
 
 def test_a_log_of_another_robot_is_refused(tmp_path):
