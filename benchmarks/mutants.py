@@ -40,6 +40,7 @@ ENCLOSE = "tests/robots/test_enclose.py"
 GUARANTEES = "tests/robots/test_prepare_guarantees.py"
 COVERAGE = "tests/robots/test_coverage.py"
 DOORS = "tests/robots/test_doors.py"
+SEEN = "tests/perception/test_tracker.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -66,6 +67,10 @@ def _kernel(name, old, new, tests=MOTION):
 
 def _closer(name, old, new, tests=(CLOSER, "pieces or swerve or nobody")):
     return Mutant(name, "kernels/occupancy.py", old, new, tests)
+
+
+def _seen(name, old, new, tests):
+    return Mutant(name, "perception/tracker.py", old, new, (SEEN, tests))
 
 
 def _admit(name, old, new, tests=ASSUMPTIONS):
@@ -1062,6 +1067,53 @@ MUTANTS = [
         "if [_trial(one) for one in report.episodes] != [_trial(one) for one in first.episodes]:",
         "if False:",
         (MOVED, "nothing_to_compare_with"),
+    ),
+    _seen(
+        "keypoints: those that jump are believed",
+        "near = way <= self._speed * elapsed",
+        "near = way <= np.inf + 0.0 * elapsed",
+        "jumps or taken_for_each_other",
+    ),
+    _seen(
+        "keypoints: those that could be another's are believed",
+        "whole[i] &= ~mistaken | whole[j]",
+        "whole[i] &= ~mistaken | True",
+        "whoever_is_called",
+    ),
+    _seen(
+        "keypoints: places are the filter's",
+        "room = np.maximum(self._allowed - error, 0.0)",
+        "room = np.full_like(error, np.inf)",
+        "inside_of",
+    ),
+    _seen(
+        "keypoints: what is held is new", "self.stamp[k] = stamp - late", "self.stamp[k] = stamp", "wrist or inside_of"
+    ),
+    _seen(
+        "keypoints: joints are held for ever",
+        "<= self._params.hold for joint in",
+        "<= np.inf for joint in",
+        "wrist",
+    ),
+    _seen("keypoints: held despite a bound of acceleration", "self._held[k] and younger", "younger", "wrist"),
+    _seen(
+        "keypoints: strangers are forgotten",
+        "self._stranger = self._stranger or not",
+        "self._stranger = not",
+        "announced",
+    ),
+    _seen(
+        "keypoints: half seen is seen",
+        "if count[k] >= self._needed[k]",
+        "if count[k] >= 1",
+        "inside_of or last_frame",
+    ),
+    Mutant(
+        "keypoints: velocities are right but for accelerations",
+        "perception/filtering.py",
+        "gain * error[:, None],",
+        "0.0 * gain * error[:, None],",
+        (SEEN, "velocities_are_within or hardly_larger"),
     ),
 ]
 

@@ -168,8 +168,8 @@ __all__ = [
 
 
 _PACKAGES = (
-    *("certificate", "control", "envs", "evaluation", "humans", "paper", "plots", "policies", "robots", "safety"),
-    *("shields", "types"),
+    *("certificate", "control", "envs", "evaluation", "humans", "paper", "perception", "plots", "policies", "robots"),
+    *("safety", "shields", "types"),
 )
 
 

@@ -70,6 +70,10 @@ class RecordingError(JSSAGymError, ValueError):
     """Recorded motion of a person is malformed, truncated or not finite; the message says what and where."""
 
 
+class LogError(JSSAGymError, ValueError):
+    """A robot's log cannot be audited: it is malformed, not finite, or of another robot; says what and where."""
+
+
 class WorkerError(JSSAGymError, RuntimeError):
     """A worker process was killed before it ended its work."""
 

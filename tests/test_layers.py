@@ -16,6 +16,7 @@ LAYERS = (
     ("tick", "types", "validation", "rates", "storage", "text", "palette"),
     ("robots", "humans"),
     ("safety",),
+    ("perception",),
     ("shields", "envs", "control"),
     ("policies", "guard"),
     ("evaluation",),

@@ -9,6 +9,7 @@ import tyro
 
 from jssa_gym.cli import terminal
 from jssa_gym.cli.arguments import given_once, parsed
+from jssa_gym.cli.audit import AuditLog
 from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.compare import Compare
@@ -36,7 +37,8 @@ Command = Annotated[
     | Annotated[RecordingCommand, tyro.conf.subcommand("recording")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
-    | Annotated[RobotCommand, tyro.conf.subcommand("robot")],
+    | Annotated[RobotCommand, tyro.conf.subcommand("robot")]
+    | Annotated[AuditLog, tyro.conf.subcommand("audit")],
     tyro.conf.arg(name=""),
 ]
 

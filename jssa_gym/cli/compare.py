@@ -11,10 +11,11 @@ from rich.table import Table
 
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.comparison_page import write_page
+from jssa_gym.evaluation.contenders import NO_SENSOR
 from jssa_gym.evaluation.leaderboard import UNFILTERED, Standing, median_time_to_goal, standings
 from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
@@ -48,6 +49,7 @@ class Compare:
     v_safe: float = MOVING
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     robot: Annotated[str, ROBOT] = DEFAULT
+    sensor: Annotated[str, SENSOR] = NO_SENSOR
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
     trust_pickle: bool = False
@@ -71,6 +73,7 @@ class Compare:
             trust_pickle=self.trust_pickle,
             robot=self.robot,
             pair_policies=self.pair_policies,
+            sensor=self.sensor,
         )
         reports = play(study, self.out, self.workers.chosen(), self.keep)
         ranked = standings(reports)
@@ -97,6 +100,8 @@ class Compare:
             parts += [f"--{name.replace('_', '-')}", str(value)]
         if self.robot != DEFAULT:
             parts += ["--robot", self.robot]
+        if self.sensor != NO_SENSOR:
+            parts += ["--sensor", self.sensor]
         parts += [f"--{name.replace('_', '-')}" for name in ("pair_policies", "trust_pickle") if getattr(self, name)]
         return shlex.join(parts)
 

@@ -13,11 +13,12 @@ from rich.table import Table
 
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.files import write_json
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT, MOVING
 from jssa_gym.evaluation.cluster import Cluster
+from jssa_gym.evaluation.contenders import NO_SENSOR
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
@@ -102,6 +103,7 @@ class Evaluate:
     slowdown: bool = False
     """Play the goals without filter and people as well, into the folder's `alone`; slowdown.json compares times."""
     robot: Annotated[str, ROBOT] = DEFAULT
+    sensor: Annotated[str, SENSOR] = NO_SENSOR
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
     trust_pickle: bool = False
@@ -124,11 +126,12 @@ class Evaluate:
             separation=self.separation.params(),
             trust_pickle=self.trust_pickle,
             robot=self.robot,
+            sensor=self.sensor,
         )
         (report,) = play(study, self.out, self.workers.chosen(), self.keep)
         lost = None
         if self.slowdown:
-            nobody = replace(study, filters=("none",), humans=("none",))
+            nobody = replace(study, filters=("none",), humans=("none",), sensor=NO_SENSOR)
             lost = slowdown(report, play(nobody, self.out / "alone", self.workers.chosen(), 0)[0])
             write_json(self.out / "slowdown.json", lost and asdict(lost))
         if self.json:

@@ -31,6 +31,7 @@ ROBOT = _says(
     (*ROBOTS, *MENAGERIE),
 )
 
+SENSOR = _says("What the filter sees of the people, by name, where none is the truth", FAULTS)
 SHIELDS = _says(
     f"Shields by name, whole and weakened; filters by their own names too, bare or with {STOP} behind them; full is "
     f"jssa{STOP}, published jssa_published, and none no shield at all, not the filter none",

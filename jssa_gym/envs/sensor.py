@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.envs.bursts import Bursts
 from jssa_gym.envs.faults import FAULTS, SensorFaults
+from jssa_gym.envs.keypoint_camera import CAMERAS, CameraSettings, KeypointCamera, directions, in_ball
 from jssa_gym.envs.proprioception import Proprioception
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.robots import RobotModel
@@ -34,18 +35,6 @@ class _Sample(NamedTuple):
     """Shape (m,)."""
 
 
-def _ball(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """Points drawn evenly from the unit ball, shape (*shape, 3)."""
-    # rounding must not carry a point beyond the bound that is promised
-    return _directions(rng, shape) * (rng.random((*shape, 1)) ** (1.0 / 3.0) * (1.0 - 1e-12))
-
-
-def _directions(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """Unit vectors drawn evenly, shape (*shape, 3)."""
-    vectors = rng.standard_normal((*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
 def _stream(env: gym.Env, seed: int | None, rng: np.random.Generator | None, key: int) -> np.random.Generator:
     """A generator of one's own, from the seed of a reset: what it draws must not change the environment."""
     if seed is None and rng is not None:
@@ -64,6 +53,25 @@ def _refuse_shield(env: gym.Env, kind: type) -> None:
         )
 
 
+def settings_of(faults: SensorFaults | CameraSettings | str | Mapping[str, Any]) -> SensorFaults | CameraSettings:
+    """Settings, those of a name, or those of a mapping of fields; a mapping with a ``rate`` is a camera's.
+
+    Raises:
+        ParameterError: They are unknown.
+    """
+    if isinstance(faults, str):
+        known = {**FAULTS, **CAMERAS}
+        return known[known_name("faults", faults, known)]
+    if isinstance(faults, Mapping):
+        kind = CameraSettings if "rate" in faults else SensorFaults
+        for name in faults:
+            known_name("fault", name, [field.name for field in fields(kind)])
+        return kind(**faults)
+    if not isinstance(faults, SensorFaults | CameraSettings):
+        raise ParameterError(f"faults has to be SensorFaults, a name or a mapping, got {faults!r}")
+    return faults
+
+
 class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """Shows a shield people and arm as a perception system with faults would.
 
@@ -76,31 +84,32 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
     The faults are drawn from generators of their own, seeded by ``reset(seed=...)``: same seed, same bits. Those of the
     joints have another one than those of the people.
 
+    With a camera, ``SensorModel(env, "camera 30 Hz")``, people are seen as keypoints, which go through
+    :class:`jssa_gym.perception.Tracker` as those of a detector would; a shield around it has to assume what the
+    camera's settings say, ``JSSAShield(env, failsafe=CAMERAS["camera 30 Hz"].assumptions)``.
+
     Args:
         env: An environment that offers ``scene``.
-        faults: Settings, a name in :data:`~jssa_gym.envs.faults.FAULTS`, or the settings' fields as a mapping.
+        faults: Settings, a name in :data:`~jssa_gym.envs.faults.FAULTS`, or the settings' fields as a mapping; or those
+            of a camera, of :data:`~jssa_gym.envs.keypoint_camera.CAMERAS`, whose mapping has a ``rate``.
 
     Raises:
-        ParameterError: Unknown faults; at ``reset``, ``missing`` names a body part that nobody has.
+        ParameterError: Unknown faults; at ``reset``, ``missing`` names a body part that nobody has, or a camera's
+            people have other parts than the package's own.
         InterfaceError: There is a shield inside, which would see nothing of this; or the environment has no ``robot``,
             whose limits faults of the joints are shares of.
     """
 
-    def __init__(self, env: gym.Env, faults: SensorFaults | str | Mapping[str, Any]) -> None:
-        if isinstance(faults, str):
-            faults = FAULTS[known_name("faults", faults, FAULTS)]
-        elif isinstance(faults, Mapping):
-            for name in faults:
-                known_name("fault", name, [field.name for field in fields(SensorFaults)])
-            faults = SensorFaults(**faults)
-        elif not isinstance(faults, SensorFaults):
-            raise ParameterError(f"faults has to be SensorFaults, a name or a mapping, got {faults!r}")
+    def __init__(self, env: gym.Env, faults: SensorFaults | CameraSettings | str | Mapping[str, Any]) -> None:
+        faults = settings_of(faults)
         gym.utils.RecordConstructorArgs.__init__(self, faults=asdict(faults))  # JSON can hold it
         gym.Wrapper.__init__(self, env)
         _refuse_shield(env, type(self))
         self.faults = faults
+        self._direct = faults if isinstance(faults, SensorFaults) else SensorFaults()
+        self._camera: KeypointCamera | None = None
         self._joints: Proprioception | None = None
-        if faults.joints:
+        if isinstance(faults, SensorFaults) and faults.joints:
             robot = env.get_wrapper_attr("robot") if env.has_wrapper_attr("robot") else None
             if not isinstance(robot, RobotModel):
                 raise InterfaceError(
@@ -143,11 +152,14 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         return result
 
     def _begin(self, truth: Scene | None) -> None:
+        if isinstance(self.faults, CameraSettings):
+            self._camera = None if truth is None else KeypointCamera(self.faults, truth)
+            return
         names = () if truth is None else truth.human.names
-        unknown = [name for name in self.faults.missing if name not in names]
+        unknown = [name for name in self._direct.missing if name not in names]
         if unknown and names:
             raise ParameterError(f"unknown body parts {unknown} in missing; valid: {', '.join(dict.fromkeys(names))}")
-        faults, m = self.faults, len(names)
+        faults, m = self._direct, len(names)
         self._absent = np.array([name in faults.missing for name in names], np.bool_)
         self._dropouts = Bursts(faults.dropout, faults.dropout_ticks, m)
         self._outliers = Bursts(faults.outlier, faults.outlier_ticks, m)
@@ -163,6 +175,8 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def _perceive(self, truth: Scene | None, rng: np.random.Generator) -> Scene | None:
         if truth is None:
             return None
+        if self._camera is not None:
+            return self._camera.perceive(truth, rng)
         people, now = truth.human, truth.time
         if len(people.radius) != len(self._age):
             self._begin(truth)
@@ -174,27 +188,27 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         frozen = bool(self._freezes.on[0])
         if not frozen:
             self._shown = self._arrived
-        if not frozen or self.faults.freeze_reported:
+        if not frozen or self._direct.freeze_reported:
             self._age = now - self._shown.stamp
-        age = self._age + self.faults.shift if self._misstamps.on[0] else self._age.copy()
+        age = self._age + self._direct.shift if self._misstamps.on[0] else self._age.copy()
         start, end, start_velocity, end_velocity = self._shown.data.copy()
         capsules = CapsuleSet(start, end, start_velocity, end_velocity, people.radius, people.names, people.person)
         return Scene(now, truth.robot, capsules, truth.static, truth.planes, age, self._shown.measured.copy())
 
     def _measure(self, truth: Scene, rng: np.random.Generator) -> _Sample:
         """Everybody as seen now, whenever that will arrive."""
-        faults, people, m = self.faults, truth.human, len(self._age)
+        faults, people, m = self._direct, truth.human, len(self._age)
         if self._swaps.step(rng)[0]:
             self._order = _swapped(people.person, rng)
         order = self._order if self._swaps.on[0] else np.arange(m)
         data = np.array([people.start, people.end, people.start_velocity, people.end_velocity])[:, order]
         if faults.noise > 0.0:
-            data[:2] += faults.noise * _ball(rng, (2, m))
+            data[:2] += faults.noise * in_ball(rng, (2, m))
         if faults.velocity_noise > 0.0:
-            data[2:] += faults.velocity_noise * _ball(rng, (2, m))
+            data[2:] += faults.velocity_noise * in_ball(rng, (2, m))
         began = self._outliers.step(rng)
         if np.any(began):
-            self._elsewhere[began] = faults.outlier_size * _directions(rng, (m,))[began]
+            self._elsewhere[began] = faults.outlier_size * directions(rng, (m,))[began]
         data[:2] += np.where(self._outliers.on[:, None], self._elsewhere, 0.0)
         self._dropouts.step(rng)
         measured = truth.valid[order] & ~self._dropouts.on & ~self._absent
@@ -209,7 +223,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._under_way = [sample for sample in self._under_way if sample.arrival > now + _ROUNDING]
         if not arrived:
             return
-        if self.faults.reorder:
+        if self._direct.reorder:
             self._arrived = max(arrived, key=lambda sample: (sample.arrival, sample.number))
         else:
             self._arrived = max(*arrived, self._arrived, key=lambda sample: sample.number)

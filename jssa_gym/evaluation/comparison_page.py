@@ -2,7 +2,7 @@
 
 import os
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote_from_bytes
@@ -26,31 +26,10 @@ from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
 from jssa_gym.evaluation.study import Study
-from jssa_gym.evaluation.svg import Markup, Panel, colour, dashes, marker, tag
+from jssa_gym.evaluation.svg import Markup, Panel, colour, dashes, document, figure, marker, note, rows_of, tag
 from jssa_gym.evaluation.wording import in_words
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
-
-_STYLE = """
-:root { color-scheme: light; }
-body { font: 15px/1.45 system-ui, sans-serif; color: #1d2125; background: #fff; margin: 2rem auto; max-width: 1260px;
-  padding: 0 1rem; }
-h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
-p.note { color: #4a5157; max-width: 75ch; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .88rem; }
-th, td { padding: .3rem .55rem; text-align: right; border-bottom: 1px solid #e3e6e8; vertical-align: top; }
-td.text { white-space: nowrap; } tbody tr:nth-child(even) { background: #f8f9fa; }
-th { font-weight: 600; vertical-align: bottom; } th:first-child, td:first-child, td.text, th.text { text-align: left; }
-td.text.long { white-space: normal; }
-h3 { font-size: 1rem; margin: 1.2rem 0 .3rem; }
-figure { display: inline-block; margin: .5rem 1rem .5rem 0; vertical-align: top; } figcaption { max-width: 460px;
-  color: #4a5157; font-size: .88rem; }
-svg .grid { stroke: #e3e6e8; } svg .label { font: 11px system-ui, sans-serif; fill: #4a5157; }
-.key { display: inline-block; margin-right: 1.2rem; white-space: nowrap; }
-code { background: #f3f5f6; padding: .1rem .3rem; border-radius: 3px; font-size: .85rem; }
-details { margin: .4rem 0; } summary { cursor: pointer; }
-"""
 
 _BOXES = (
     *("min_distance_arm", "contact_speed", "intervention_rate", "path_length", "time_to_goal"),
@@ -98,11 +77,11 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
     about = " ".join(f"{what}: {', '.join(names)}." for what, names in tried)
     keys = _keys(number)
     sections = {
-        "Over everything": [keys, *_leaderboard(ranked, len(study.policies)), _note(_TIMES), *_paired(ranked)],
+        "Over everything": [keys, *_leaderboard(ranked, len(study.policies)), note(_TIMES), *_paired(ranked)],
         **({"Policies": _policies(reports)} if len(study.policies) > 1 else {}),
         "Safety against getting there": [keys, *_tradeoff(ranked, number)],
         "Performance profiles": [keys, *_profiles(ranked, number)],
-        "Distributions": [*_boxes(ranked, number), _note("Least, quartiles and largest over all episodes.")],
+        "Distributions": [*_boxes(ranked, number), note("Least, quartiles and largest over all episodes.")],
         "Setting by setting": _settings(reports),
         "Worst episodes": _worst(reports, folder),
         "What the numbers are": _definitions(study.v_safe, study.separation),
@@ -112,15 +91,10 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
         tag("h1", "Filters compared"),
         tag("p", f"{episodes} of at most {steps} a combination, first seed {study.seed}. {about}"),
         tag("p", tag("code", command)),
-        _note(Markup(_READING)),
+        note(Markup(_READING)),
         *(part for title, inside in sections.items() for part in (tag("h2", title), *inside)),
     ]
-    head = tag("head", Markup('<meta charset="utf-8">'), tag("title", "Filters compared"), tag("style", Markup(_STYLE)))
-    return f"<!DOCTYPE html>\n{tag('html', head, tag('body', *parts), lang='en')}\n"
-
-
-def _note(text: str) -> Markup:
-    return tag("p", text, class_="note")
+    return document("Filters compared", parts)
 
 
 def _keys(number: dict[str, int]) -> Markup:
@@ -134,22 +108,10 @@ def _keys(number: dict[str, int]) -> Markup:
     return tag("p", *keys)
 
 
-def _table(titles: Sequence[str], rows: Iterable[Sequence[Any]], text: int = 1, kind: str = "text") -> Markup:
-    """Rows; the first columns are text."""
-    classes = [{"class_": kind} if k < text else {} for k in range(len(titles))]
-    head = (tag("th", title, **of) for title, of in zip(titles, classes, strict=True))
-    body = (tag("tr", *(tag("td", cell, **of) for cell, of in zip(row, classes, strict=True))) for row in rows)
-    return tag("div", tag("table", tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="wide")
-
-
-def _figure(panel: Panel, *caption: str) -> Markup:
-    return tag("figure", panel.drawn(), *(tag("figcaption", text) for text in caption))
-
-
 def _leaderboard(ranked: Sequence[Standing], policies: int) -> list[Markup]:
     rows = [[one.filter, len(one.pooled.episodes), *columns(one.pooled, one.slowdown)] for one in ranked]
     pools = f"Each row pools {policies} policies, which are ranked below."
-    return [*([_note(pools)] if policies > 1 else []), *_in_two(["filter", "episodes"], rows, text=1)]
+    return [*([note(pools)] if policies > 1 else []), *_in_two(["filter", "episodes"], rows, text=1)]
 
 
 def _in_two(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: int) -> list[Markup]:
@@ -157,9 +119,9 @@ def _in_two(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: int) -> l
     first, cut = len(heads), len(heads) + RATE_COLUMNS
     return [
         tag("h3", "How often"),
-        _table([*heads, *titles()[:RATE_COLUMNS]], [row[:cut] for row in rows], text),
+        rows_of([*heads, *titles()[:RATE_COLUMNS]], [row[:cut] for row in rows], text),
         tag("h3", "How near, how smoothly, how fast"),
-        _table([*heads, *titles()[RATE_COLUMNS:]], [[*row[:first], *row[cut:]] for row in rows], text),
+        rows_of([*heads, *titles()[RATE_COLUMNS:]], [[*row[:first], *row[cut:]] for row in rows], text),
     ]
 
 
@@ -181,7 +143,7 @@ def _policies(reports: Sequence[Report]) -> list[Markup]:
         "compared by their own intervals only. --pair-policies gives all policies the same seeds."
     )
     titles = ["filter", "policy", "rank", "episodes", *named, "pairs with the best", *minus]
-    return [_table(titles, rows, text=2), _note(unpaired if strangers else "All policies met the same seeds.")]
+    return [rows_of(titles, rows, text=2), note(unpaired if strangers else "All policies met the same seeds.")]
 
 
 def _paired(ranked: Sequence[Standing]) -> list[Markup]:
@@ -197,15 +159,15 @@ def _paired(ranked: Sequence[Standing]) -> list[Markup]:
         )
         for one in others
     ]
-    note = (
+    said = (
         "Rates: difference with Bonett and Price's interval, and p of McNemar's exact test. Means: bootstrap of the "
         "paired differences."
     )
     return [
         tag("h2", f"Minus {first}, on the same episodes"),
-        _table(["filter", *map(in_words, _PAIRED)], [[name, *rates] for name, rates, _ in rows]),
-        _table(["filter", *map(in_words, PAIRED_MEANS)], [[name, *means] for name, _, means in rows]),
-        _note(note),
+        rows_of(["filter", *map(in_words, _PAIRED)], [[name, *rates] for name, rates, _ in rows]),
+        rows_of(["filter", *map(in_words, PAIRED_MEANS)], [[name, *means] for name, _, means in rows]),
+        note(said),
     ]
 
 
@@ -229,7 +191,7 @@ def _tradeoff(ranked: Sequence[Standing], number: dict[str, int]) -> list[Markup
                 number[one.filter],
                 f"{one.filter}: success {reached}, {what} {met}",
             )
-        figures.append(_figure(panel, f"Without {what}. Up and right is better."))
+        figures.append(figure(panel, f"Without {what}. Up and right is better."))
     return figures
 
 
@@ -251,7 +213,7 @@ def _profile(ranked: Sequence[Standing], number: dict[str, int], name: str, what
         bounds = np.array([clopper_pearson(round(s * count), count) for s in share])
         panel.band(thresholds, bounds[:, 0], bounds[:, 1], number[of])
         panel.curve(thresholds, share, number[of], of)
-    return _figure(panel, "Share of the episodes with at least so much; pointwise 95 % intervals.")
+    return figure(panel, "Share of the episodes with at least so much; pointwise 95 % intervals.")
 
 
 def _boxes(ranked: Sequence[Standing], number: dict[str, int]) -> list[Markup]:
@@ -273,7 +235,7 @@ def _boxes(ranked: Sequence[Standing], number: dict[str, int]) -> list[Markup]:
             if of in quantiles:
                 told = ", ".join(f"{value:.3g}" for value in quantiles[of])
                 panel.box(row, quantiles[of].tolist(), number[of], f"{of}: {told}")
-        figures.append(_figure(panel))
+        figures.append(figure(panel))
     return figures
 
 
@@ -300,7 +262,7 @@ def _worst(reports: Sequence[Report], folder: Path) -> list[Markup]:
     titles = ["task", "filter", "people", "policy", "seed", "contact speed", "min distance", "to see it again"]
     unlike = [f"{', '.join(r.setting)}, seed {seed}" for r in reports for seed in r.unlike]
     note = [tag("p", f"Went otherwise when played again: {'; '.join(unlike)}.")] if unlike else []
-    return [_table(titles, rows, text=4), *note]
+    return [rows_of(titles, rows, text=4), *note]
 
 
 def _link(path: Path, folder: Path) -> Markup:
@@ -318,8 +280,8 @@ def _definitions(v_safe: float, separation: SeparationParams) -> list[Markup]:
         "all that ran beside it."
     )
     rows = [[in_words(metric.over_episodes), metric.name, metric.unit, metric.text] for metric in METRICS]
-    table = _table(["metric", "in files", "unit", "definition"], rows, text=4, kind="text long")
-    return [_note(stated), tag("details", tag("summary", "All metrics"), table)]
+    table = rows_of(["metric", "in files", "unit", "definition"], rows, text=4, kind="text long")
+    return [note(stated), tag("details", tag("summary", "All metrics"), table)]
 
 
 def _everything(report: Report) -> Markup:
@@ -329,7 +291,7 @@ def _everything(report: Report) -> Markup:
         *([in_words(name, units[name]), mean, *_ends(mean), mean.n] for name, mean in report.means.items()),
     ]
     titles = ["", "rate or mean", "least", "5th percentile", "largest", "episodes"]
-    return tag("details", tag("summary", ", ".join(report.setting)), _table(titles, rows))
+    return tag("details", tag("summary", ", ".join(report.setting)), rows_of(titles, rows))
 
 
 def _ends(mean: Mean) -> list[str]:

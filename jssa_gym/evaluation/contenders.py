@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 
 from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
+from jssa_gym.envs.keypoint_camera import CAMERAS
 from jssa_gym.envs.sensor import MissedTicks, SensorModel
 from jssa_gym.evaluation.people import too_fast
 from jssa_gym.safety.failsafe import FailsafeParams
@@ -245,8 +246,11 @@ def contender(name: str) -> Contender:
 LATENCIES = (0, 25, 50, 100, 150, 200)
 """Delays that nobody reports [ms]."""
 
-FAULTS: tuple[str, ...] = (*SENSOR_FAULTS, "missed ticks", *(f"unmodelled {ms} ms" for ms in LATENCIES))
+FAULTS: tuple[str, ...] = (*SENSOR_FAULTS, "missed ticks", *(f"unmodelled {ms} ms" for ms in LATENCIES), *CAMERAS)
 """Names of what can be wrong between people and shield."""
+
+NO_SENSOR = "none"
+"""The fault that is none: the truth is seen."""
 
 REPORTED = (*(name for name, faults in SENSOR_FAULTS.items() if faults.reported), "missed ticks")
 """Faults within the assumptions: age and validity, with the bound on the noise, tell all."""
@@ -255,10 +259,13 @@ REPORTED = (*(name for name, faults in SENSOR_FAULTS.items() if faults.reported)
 JOINTS = tuple(name for name, faults in SENSOR_FAULTS.items() if faults.seen and not faults.reported)
 """Faults of joint state and clock, which a shield has to notice by itself."""
 
+SEEN = tuple(name for name, camera in CAMERAS.items() if camera.reported)
+"""Cameras within the assumptions that a shield behind them is given."""
+
 
 def within_assumptions(human: str, fault: str) -> bool:
     """Whether a shield that promises something has to keep its promise with these people under this fault."""
-    return not too_fast(human) and fault in (*REPORTED, *JOINTS, f"unmodelled {LATENCIES[0]} ms")
+    return not too_fast(human) and fault in (*REPORTED, *JOINTS, *SEEN, f"unmodelled {LATENCIES[0]} ms")
 
 
 def spoiled(env: gym.Env, fault: str) -> gym.Env:
@@ -268,20 +275,26 @@ def spoiled(env: gym.Env, fault: str) -> gym.Env:
         ParameterError: Unknown fault.
     """
     known_name("fault", fault, FAULTS)
-    if fault == "none":
+    if fault == NO_SENSOR:
         return env
     if fault == "missed ticks":
         return MissedTicks(env)
-    if fault in SENSOR_FAULTS:
+    if fault in SENSOR_FAULTS or fault in CAMERAS:
         return SensorModel(env, fault)
     return Late(env, _ticks(env, 1e-3 * float(fault.split()[1])))
 
 
+def assumed_of(fault: str) -> FailsafeParams:
+    """What a shield behind a fault of :data:`FAULTS` is told: the bound on its noise; behind a camera what it says."""
+    if fault in CAMERAS:
+        return CAMERAS[fault].assumptions
+    return FailsafeParams(position_error=SENSOR_FAULTS[fault].noise if fault in SENSOR_FAULTS else 0.0)
+
+
 def shielded(env: gym.Env, name: str, fault: str = "none") -> gym.Env:
-    """An environment with a fault and a shield of :func:`contender` that knows the bound on the fault's noise.
+    """An environment with a fault and a shield of :func:`contender` that knows what :func:`assumed_of` says.
 
     Raises:
         ParameterError: Unknown shield or fault.
     """
-    noise = SENSOR_FAULTS[fault].noise if fault in SENSOR_FAULTS else 0.0
-    return contender(name).wrap(spoiled(env, fault), FailsafeParams(position_error=noise))
+    return contender(name).wrap(spoiled(env, fault), assumed_of(fault))

@@ -47,6 +47,11 @@ def without_default(config: dict[str, Any]) -> dict[str, Any]:
     return rest if config["robot"] == DEFAULT else {**rest, "robot": robot_identity(config["robot"])}
 
 
+def without_sensor(config: dict[str, Any]) -> dict[str, Any]:
+    """A configuration without the entry ``sensor`` where the truth is seen, as it was before there were any."""
+    return {name: value for name, value in config.items() if (name, value) != ("sensor", "none")}
+
+
 def code_version() -> dict[str, str]:
     """Which code this is: ``version`` of the package and ``source``, the hash of what decides how an episode goes."""
     return {"version": package_version(), "source": source_hash()}

@@ -178,7 +178,7 @@ def summarise(
     # the touching points are the commanded arm's, which a servoed one follows late
     kinematic = trace.dynamics == "kinematic"
     faults = _faults(trace, seen, v_safe) if seen is not None and kinematic else (None,) * 3
-    margin = None if seen is None else _margin(seen, separation or SeparationParams())
+    margin = None if seen is None else separation_margin(seen, separation or SeparationParams())
     closing = trace.speed < -_SLOWEST
     phi = seen.phi if seen is not None and kinematic and len(trace.human_radius) else np.zeros(0)
     above = ~(phi <= 0.0)
@@ -248,7 +248,7 @@ def _faults(trace: Trace, seen: Geometry, v_safe: float) -> tuple[int, int, int]
     return robot, human, shared
 
 
-def _margin(seen: Geometry, params: SeparationParams) -> Array:
+def separation_margin(seen: Geometry, params: SeparationParams) -> Array:
     """Smallest distance minus protective separation distance of all pairs, shape (T,) [m]; inf without people."""
     speed = np.maximum(seen.human_approach, 0.0) if params.human_speed is None else params.human_speed
     needed = (

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Generic
 
 from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.evaluation.contenders import NO_SENSOR
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.ledger import Chunk
@@ -178,5 +179,6 @@ def played_again(
     if robot is None and named not in ROBOTS:  # nor is a file that a recording names
         raise ParameterError(f"the robot {named!r} is not the package's own; give its file as --robot")
     wanted = named if robot is None else robot
-    plan = Study(tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle, robot=wanted)
+    sensor = str(meta.get("sensor", NO_SENSOR))
+    plan = Study(tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle, robot=wanted, sensor=sensor)
     return Player(plan, setting).record(seed)

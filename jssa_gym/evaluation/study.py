@@ -11,8 +11,9 @@ import gymnasium as gym
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.blocked import fault_of
+from jssa_gym.evaluation.contenders import FAULTS, NO_SENSOR, assumed_of, spoiled
 from jssa_gym.evaluation.geometry import geometry
-from jssa_gym.evaluation.identity import code_digest, identity, named, robot_identity, without_default
+from jssa_gym.evaluation.identity import code_digest, identity, named, robot_identity, without_default, without_sensor
 from jssa_gym.evaluation.metrics import SeparationParams, summarise
 from jssa_gym.evaluation.people import known_person, make_person, people_digests
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
@@ -22,24 +23,30 @@ from jssa_gym.evaluation.rows import EvaluationRow, Row, Setting, digest_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import Policy
 from jssa_gym.robots import DEFAULT, RobotModel
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import Shield, read_name
+from jssa_gym.shields.registry import WHOLE
 from jssa_gym.types import Trace
 from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
 
 
-def put_filter(env: gym.Env, name: str) -> Shield:
+def put_filter(env: gym.Env, name: str, assumed: FailsafeParams | None = None) -> Shield:
     """A shield by the name of its filter around an environment.
 
     Args:
         env: The environment; see :class:`~jssa_gym.shields.Shield` for what it has to offer.
         name: As :func:`~jssa_gym.shields.read_name` reads it.
+        assumed: What its verified stop assumes, if it has one; None for what it does anyway.
 
     Raises:
         ParameterError: Unknown name, the environment has a shield, or no task with a shielded id.
     """
     if shield_of(env) is not None:
         raise ParameterError(f"{env} has a shield already: give a filter or an environment with a shield, not both")
-    return Shield(env, name)
+    filter_name = read_name(name)
+    if assumed is None or not (filter_name.stop or filter_name.filter in WHOLE):
+        return Shield(env, name)
+    return Shield(env, name, stop=assumed)
 
 
 class Evaluation(EpisodePlan[EvaluationRow]):
@@ -107,6 +114,8 @@ class Study(Evaluation):
     """Name of a robot, or its file or prepared folder."""
     pair_policies: bool = False
     """Whether policies have the same seeds too, so that they can be compared in pairs."""
+    sensor: str = NO_SENSOR
+    """What is between the people and the filter, by name in :data:`~jssa_gym.evaluation.contenders.FAULTS`."""
     code: tuple[tuple[str, str], ...] = field(init=False, repr=False)
     """Names of policies, and digests of the files that hold or define them, when the study was made."""
 
@@ -124,6 +133,7 @@ class Study(Evaluation):
         for policy in self.policies:
             policy_factory(policy, self.trust_pickle)
         robot_identity(self.robot)
+        known_name("sensor", self.sensor, FAULTS)
         object.__setattr__(self, "code", _codes(self.policies))
 
     def seeds(self) -> dict[Setting, list[int]]:
@@ -138,14 +148,17 @@ class Study(Evaluation):
         own = asdict(self)
         if not self.pair_policies:
             del own["pair_policies"]  # what was begun before there was a choice is the same as ever
-        return {**without_default(own), "code": dict(_codes(self.policies)), **people}
+        return {**without_default(without_sensor(own)), "code": dict(_codes(self.policies)), **people}
 
     def origin(self, cell: Setting, seed: int, digest: str) -> dict[str, Any]:
-        return without_default({**Evaluation.origin(self, cell, seed, digest), "robot": self.robot})
+        told = {**Evaluation.origin(self, cell, seed, digest), "robot": self.robot, "sensor": self.sensor}
+        return without_default(without_sensor(told))
 
     def make_env(self, cell: Setting) -> gym.Env:
         env = ArmEnv(cell.task, human=make_person(cell.human), robot=self.robot, terminate_on=())
-        return put_filter(env, cell.filter)
+        if self.sensor == NO_SENSOR:
+            return put_filter(env, cell.filter)
+        return put_filter(spoiled(env, self.sensor), cell.filter, assumed_of(self.sensor))
 
     def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
         policy = make_policy(cell.policy, env.unwrapped, seed, seen=env, trust_pickle=self.trust_pickle)

@@ -1,7 +1,7 @@
 """Pages that load nothing: tags in which all text is escaped, and small figures of them."""
 
 import html
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,29 @@ from jssa_gym.types import Array
 _Ends = Sequence[float] | Array
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58.0, 14.0, 14.0, 44.0
+
+
+STYLE = """
+:root { color-scheme: light; }
+body { font: 15px/1.45 system-ui, sans-serif; color: #1d2125; background: #fff; margin: 2rem auto; max-width: 1260px;
+  padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: .2rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
+p.note { color: #4a5157; max-width: 75ch; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .88rem; }
+th, td { padding: .3rem .55rem; text-align: right; border-bottom: 1px solid #e3e6e8; vertical-align: top; }
+td.text { white-space: nowrap; } tbody tr:nth-child(even) { background: #f8f9fa; }
+th { font-weight: 600; vertical-align: bottom; } th:first-child, td:first-child, td.text, th.text { text-align: left; }
+td.text.long { white-space: normal; }
+h3 { font-size: 1rem; margin: 1.2rem 0 .3rem; }
+figure { display: inline-block; margin: .5rem 1rem .5rem 0; vertical-align: top; } figcaption { max-width: 460px;
+  color: #4a5157; font-size: .88rem; }
+svg .grid { stroke: #e3e6e8; } svg .label { font: 11px system-ui, sans-serif; fill: #4a5157; }
+.key { display: inline-block; margin-right: 1.2rem; white-space: nowrap; }
+code { background: #f3f5f6; padding: .1rem .3rem; border-radius: 3px; font-size: .85rem; }
+details { margin: .4rem 0; } summary { cursor: pointer; }
+"""
+"""Of all pages."""
 
 
 class Markup(str):
@@ -156,3 +179,32 @@ def _range(ends: tuple[float, float]) -> tuple[float, float]:
     """The ends, which may fall, apart from each other."""
     low, high = ends
     return (low, high) if abs(high - low) > 1e-9 * max(abs(low), abs(high), 1e-9) else (low - 0.5, low + 0.5)
+
+
+def document(title: str, parts: Iterable[Any]) -> str:
+    """A page of its own.
+
+    Args:
+        title: Of the page.
+        parts: Of its body.
+    """
+    head = tag("head", Markup('<meta charset="utf-8">'), tag("title", title), tag("style", Markup(STYLE)))
+    return f"<!DOCTYPE html>\n{tag('html', head, tag('body', *parts), lang='en')}\n"
+
+
+def note(text: str) -> Markup:
+    """A paragraph that explains."""
+    return tag("p", text, class_="note")
+
+
+def rows_of(titles: Sequence[str], rows: Iterable[Sequence[Any]], text: int = 1, kind: str = "text") -> Markup:
+    """A table of rows; the first columns are text."""
+    classes = [{"class_": kind} if k < text else {} for k in range(len(titles))]
+    head = (tag("th", title, **of) for title, of in zip(titles, classes, strict=True))
+    body = (tag("tr", *(tag("td", cell, **of) for cell, of in zip(row, classes, strict=True))) for row in rows)
+    return tag("div", tag("table", tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="wide")
+
+
+def figure(panel: Panel, *caption: str) -> Markup:
+    """A drawing with what it says."""
+    return tag("figure", panel.drawn(), *(tag("figcaption", text) for text in caption))

@@ -6,7 +6,6 @@ they are not set apart by commas, a comma may stand for the decimal point. Empty
 name, as in ``time [ms]``, ``time_ms`` or ``head.radius [mm]``, is converted.
 """
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,15 +16,11 @@ import numpy as np
 
 from jssa_gym.exceptions import RecordingError
 from jssa_gym.storage import read_text
+from jssa_gym.storage.tables import INDEX, as_numbers, check_lengths, check_times, table_lines
 from jssa_gym.types import Array
 
 _ENDS = tuple(f"{end}.{axis}" for end in ("start", "end") for axis in "xyz")
 _FIELDS = (*_ENDS, "radius")
-
-_INDEX = ("", "index", "#", "frame", "sample", "row", "unnamed: 0")
-"""Names, without case, of columns that number the rows or are empty."""
-
-_COMMENTS = ("#", "%", "//")
 
 _UNIT = re.compile(r"^(.*?)(?:\s*[\[(]\s*(\w+)\s*[\])]|_(ms|us|mm|cm|s|m))$")
 """A column and the unit behind it."""
@@ -55,19 +50,17 @@ def read_table(path: Path, largest: int) -> Table:
         RecordingError: It is none, a column is missing or unknown, or a field is no number, is empty or does not fit;
             the message names row and column.
     """
-    header, rows, comma = _lines(read_text(path, RecordingError, largest))
+    header, rows, comma = table_lines(read_text(path, RecordingError, largest), RecordingError)
     columns, factors, names, keep = _columns(header)
-    for number, cells in rows:
-        if len(cells) != len(header):
-            raise RecordingError(f"row {number} has {len(cells)} values for {len(header)} columns")
+    check_lengths(header, rows, RecordingError)
     numbers = tuple(number for number, _ in rows)
     cells = [[row[k].strip() for k in keep] for _, row in rows]
-    table = _as_numbers(cells, numbers, columns, comma) * 1.0
+    table = as_numbers(cells, numbers, columns, comma, RecordingError) * 1.0
     for k, factor in enumerate(factors):
         if factor != 1.0:
             table[:, k] *= factor
     column = {name: table[:, i] for i, name in enumerate(columns)}
-    _check_time(column["time"], numbers)
+    check_times(column["time"], numbers, RecordingError)
     ends = np.stack([column[f"{name}.{field}"] for name in names for field in _ENDS], axis=1)
     ends = ends.reshape(len(rows), len(names), 2, 3)
     radius = np.stack([column[f"{name}.radius"] for name in names], axis=1)
@@ -82,35 +75,9 @@ def read_table(path: Path, largest: int) -> Table:
     return Table(values, numbers)
 
 
-def _lines(text: str) -> tuple[list[str], list[tuple[int, list[str]]], bool]:
-    """The header, the rows with the numbers of their lines, and whether a comma may be a decimal point."""
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.split("\n"), 1)
-        if line.strip() and not line.lstrip().startswith(_COMMENTS)
-    ]
-    delimiter = None
-    if lines and (told := re.fullmatch(r"\"?sep=(.)\"?", lines[0][1].strip() or "", re.IGNORECASE)):
-        delimiter, lines = told[1], lines[1:]
-    elif lines and lines[0][1].strip().casefold() == "sep=":  # of a tab, which was stripped
-        delimiter, lines = "\t", lines[1:]
-    if delimiter is None:
-        delimiter = max(",;\t", key=lines[0][1].count) if lines else ","
-    found = []
-    for number, line in lines:
-        try:
-            cells = next(csv.reader([line], delimiter=delimiter))
-        except csv.Error as error:
-            raise RecordingError(f"row {number} cannot be read: {error}") from error
-        if any(cell.strip() for cell in cells):
-            found.append((number, cells))
-    header = [column.strip() for column in found[0][1]] if found else []
-    return header, found[1:], delimiter != ","
-
-
 def _columns(header: Sequence[str]) -> tuple[list[str], list[float], tuple[str, ...], list[int]]:
     """Columns without their units; what a unit is in metres or seconds; names of the capsules; which columns count."""
-    keep = [k for k, column in enumerate(header) if column.casefold() not in _INDEX]
+    keep = [k for k, column in enumerate(header) if column.casefold() not in INDEX]
     columns, factors = [], []
     for k in keep:
         column, factor = _without_unit(header[k])
@@ -140,47 +107,6 @@ def _without_unit(column: str) -> tuple[str, float]:
     if unit not in units:
         raise RecordingError(f"column {column}: unknown unit {unit!r}; valid: {', '.join(units)}")
     return name, units[unit]
-
-
-def _as_numbers(cells: list[list[str]], rows: Sequence[int], columns: Sequence[str], comma: bool) -> Array:
-    if comma:
-        cells = [[_with_point(cell) for cell in row] for row in cells]
-    try:
-        table = np.array(cells, dtype=np.float64).reshape(len(cells), len(columns))
-    except ValueError:
-        table = np.array(
-            [
-                [_number(cell, number, name) for cell, name in zip(row, columns, strict=True)]
-                for number, row in zip(rows, cells, strict=True)
-            ]
-        )
-    if not np.all(np.isfinite(table)):
-        k, j = np.argwhere(~np.isfinite(table))[0]
-        raise RecordingError(f"row {rows[k]}, column {columns[j]}: numbers have to be finite, got {cells[k][j]!r}")
-    return table
-
-
-def _with_point(cell: str) -> str:
-    return cell.replace(",", ".") if cell.count(",") == 1 and "." not in cell else cell
-
-
-def _number(cell: str, row: int, column: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        said = "is empty" if not cell else f"holds {cell[:40]!r}, which is no number"
-        raise RecordingError(f"row {row}, column {column} {said}") from None
-
-
-def _check_time(time: Array, rows: Sequence[int]) -> None:
-    late = np.flatnonzero(~(np.diff(time) > 0.0))
-    if len(late):
-        k = int(late[0]) + 1
-        doubled = time[k] == time[k - 1]
-        raise RecordingError(
-            f"row {rows[k]}, column time: time has to increase, {time[k]:g} s {'stands' if doubled else 'comes'} after "
-            f"{time[k - 1]:g} s of row {rows[k - 1]}; {'leave one of the two out' if doubled else 'sort the rows'}"
-        )
 
 
 def _check_radius(radius: Array, rows: Sequence[int], names: Sequence[str]) -> None:

@@ -1,5 +1,6 @@
 """Figures and films; they need the extra ``plots``."""
 
+from jssa_gym.plots.audit import audited
 from jssa_gym.plots.backend import require, write_film, write_png
 from jssa_gym.plots.campaigns import Curve, degradation
 from jssa_gym.plots.captions import Caption, footer, heading, label
@@ -13,6 +14,7 @@ from jssa_gym.plots.strips import gauge, ribbon
 __all__ = [
     "Caption",
     "Curve",
+    "audited",
     "degradation",
     "footer",
     "gauge",
