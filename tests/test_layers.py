@@ -13,7 +13,7 @@ PACKAGE = Path(jssa_gym.__file__).parent
 
 LAYERS = (
     ("kernels", "exceptions", "headless", "registration"),
-    ("tick", "types", "validation", "rates", "storage", "text"),
+    ("tick", "types", "validation", "rates", "storage", "text", "vectors"),
     ("robots", "humans"),
     ("safety",),
     ("shields", "envs", "control"),

@@ -35,7 +35,7 @@ _logger = logging.getLogger("jssa_gym")
 
 _LAMBDAS = DEFAULT.lambda1, DEFAULT.lambda2
 
-_CORRECTION = 1e-6
+INTERVENES = 1e-6
 """Correction, in jerk bounds, from which a step counts as an intervention."""
 
 
@@ -221,7 +221,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         info["shield/status"] = int(decision.status)
         info["shield/reason"] = decision.reason
         info["shield/reason_code"] = reason_code(decision)
-        info["shield/intervened"] = not correction <= _CORRECTION
+        info["shield/intervened"] = not correction <= INTERVENES
         info["shield/phi"] = float(decision.phi)
         info["shield/correction"] = correction
         info["shield/robot_pair"], info["shield/human_pair"] = decision.pair

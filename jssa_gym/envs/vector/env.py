@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import Task
-from jssa_gym.envs.vector.infos import Infos, as_infos, stacked
 from jssa_gym.envs.vector.people import OneByOne, refuse_foreign
 from jssa_gym.envs.vector.tasks import Moments, batched
 from jssa_gym.exceptions import InvalidActionError, ParameterError
@@ -23,8 +22,8 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.tick.moves import measured, move_all, observe_all, take_actions
 from jssa_gym.types import Array, Planes
 from jssa_gym.validation import positive_integer
+from jssa_gym.vectors import Infos, Mask, as_infos, stacked
 
-Mask = NDArray[np.bool_]
 Stepped = tuple[NDArray[np.float32], Array, Mask, Mask, Infos]
 
 
@@ -75,9 +74,10 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
             raise ParameterError(f"autoreset_mode has to be one of {modes}, got {autoreset_mode!r}") from None
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self._limit = np.inf if max_episode_steps is None else positive_integer("max_episode_steps", max_episode_steps)
-        self._one = one = ArmEnv(
+        self.prototype = one = ArmEnv(
             task, human=human, scene=scene, robot=robot, terminate_on=terminate_on, d_min=d_min
         )  # fmt: skip
+        """A single environment like all of them: what begins their episodes."""
         refuse_foreign(one.human)
         self.robot, self.dt, self.d_min, self.planes = one.robot, one.dt, one.d_min, one.planes
         self.task, self.human, self.terminate_on = one.task, one.human, one.terminate_on
@@ -92,7 +92,6 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         self.person = np.array(rehearsal.person)
         """Person of each of them, shape (k,)."""
         one._around.take(rehearsal)
-        self._body, self._seen = one._around.pointers
         self._crowd = OneByOne([make_human(one.human) for _ in range(count)], k)
         looked_at = len(self.robot.capsules) if one.human.reacts else 0
         parts = one._around.seen.parts.shape[0]
@@ -117,11 +116,6 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
     def people(self) -> tuple[Array, Array]:
         """Everybody's capsules: starts, ends, their velocities, shape (E, 4, k, 3), and radii, shape (E, k)."""
         return self._crowd.ends, self._crowd.radius
-
-    @property
-    def live(self) -> Mask:
-        """Which arms the next ``step`` moves; the others begin an episode in it."""
-        return ~self._over if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.ones(self.num_envs, np.bool_)
 
     @property
     def np_random_seed(self) -> tuple[int | None, ...]:
@@ -181,7 +175,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         self, which: Mask, seeds: Sequence[int | None], options: dict[str, Any]
     ) -> dict[str, NDArray[Any]]:  # fmt: skip
         """Begin an episode of each arm ``which`` as a single environment begins it; what is said of them."""
-        one, crowd, values = self._one, self._crowd, {}
+        one, crowd, values = self.prototype, self._crowd, {}
         for e in np.flatnonzero(which).tolist():
             crowd.settle(e)
             one._np_random, one._np_random_seed = self._rngs[e], self._seeds[e]
@@ -211,9 +205,9 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
             InvalidActionError: Wrong shape or type, or not finite.
             gymnasium.error.ResetNeeded: There was no ``reset`` yet, or of one that is over.
         """
-        live, jerk = self._ready(), np.zeros((self.num_envs, self.robot.n))
+        live, jerk = self.ready(), np.zeros((self.num_envs, self.robot.n))
         fraction = self.checked(actions)
-        wrong = take_actions(fraction, self._one._jerk_bound, live, jerk)
+        wrong = take_actions(fraction, self.prototype._jerk_bound, live, jerk)
         if wrong >= 0:
             raise InvalidActionError(f"an action has to be finite, got {actions[wrong]!r} for environment {wrong}")
         values, rewards, terminated, observations = self._advance(fraction, jerk, live)
@@ -236,14 +230,18 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         everybody = np.ones(self.num_envs, np.bool_)
         return self._observations.copy(), rewards, terminated, truncated, infos | as_infos(values, everybody)
 
-    def _ready(self) -> Mask:
-        """Who moves in this step."""
+    def ready(self) -> Mask:
+        """Who moves in the next step, shape (E,).
+
+        Raises:
+            gymnasium.error.ResetNeeded: Nobody can.
+        """
         if not self._begun:
             raise gym.error.ResetNeeded("reset() has to come before step()")
         if self.autoreset_mode == AutoresetMode.DISABLED and self._over.any():
             over = np.flatnonzero(self._over).tolist()
             raise gym.error.ResetNeeded(f"environments {over} are over: reset(options={{'reset_mask': ...}}) them")
-        return self.live
+        return ~self._over if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.ones(self.num_envs, np.bool_)
 
     def checked(self, actions: Any) -> Array:
         """Actions as float64, shape (E, n), a copy.
@@ -263,11 +261,12 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         self, fraction: Array, jerk: Array, live: Mask
     ) -> tuple[dict[str, NDArray[Any]], Array, Mask, NDArray[np.float32]]:
         """Move people and arms, and judge what has become of them; what is said of arms that do not live is nothing."""
-        one, crowd, seen, task = self._one, self._crowd, self._measured, self._task
+        one, crowd, seen, task = self.prototype, self._crowd, self._measured, self._task
         crowd.step(live, self.dt, seen.segments, self.robot.capsule_names)
         self._steps[live] += 1
         self.time = self._steps * self.dt
-        move_all(self._body, crowd.ends, crowd.radius, live, self.state, jerk, self.dt, self._seen, seen)
+        body, scratch = one._around.pointers
+        move_all(body, crowd.ends, crowd.radius, live, self.state, jerk, self.dt, scratch, seen)
         moments = Moments(self.state[:, 0], self.state[:, 1], seen.tip[:, 0], seen.tip_speed)
         task.advance(moments, crowd.ends, live, self.dt)
         value = task.value(moments)

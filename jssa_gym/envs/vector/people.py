@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Steered, nobody
 from jssa_gym.types import Array, CapsuleSet
-
-Mask = NDArray[np.bool_]
+from jssa_gym.vectors import Mask
 
 _OURS = (*HUMANS.values(), Steered)
 

@@ -11,6 +11,7 @@ from jssa_gym.envs.tasks.tip import HAND, NEAR, TipTask
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.tick.moves import before_hands, distances, ease, squash
 from jssa_gym.types import Array
+from jssa_gym.vectors import Mask
 
 _POWERS = np.array([3.0, 2.0])
 
@@ -43,18 +44,18 @@ class TaskBatch:
         """An episode of arm ``e`` begins."""
         self.goal[e] = goal
 
-    def advance(self, moments: Moments, ends: Array, live: NDArray[np.bool_], dt: float) -> None:
+    def advance(self, moments: Moments, ends: Array, live: Mask, dt: float) -> None:
         """Let goals go with people, whose capsules' ends are of shape (E, 4, k, 3), and count what was done of them."""
 
     def value(self, moments: Moments) -> Array:
         """Shape (E,)."""
         raise NotImplementedError
 
-    def reached(self, value: Array, moments: Moments) -> NDArray[np.bool_]:
+    def reached(self, value: Array, moments: Moments) -> Mask:
         """Shape (E,)."""
         raise NotImplementedError
 
-    def rewarded(self, value: Array, success: NDArray[np.bool_]) -> tuple[Array, ...]:
+    def rewarded(self, value: Array, success: Mask) -> tuple[Array, ...]:
         """Values of the task's terms, shape (E,) each."""
         raise NotImplementedError
 
@@ -80,10 +81,10 @@ class TipBatch(TaskBatch):
         distances(self.goal, moments.tip, out)
         return out
 
-    def reached(self, value: Array, moments: Moments) -> NDArray[np.bool_]:
+    def reached(self, value: Array, moments: Moments) -> Mask:
         return (moments.tip_speed < self.task.speed) & (value <= self.task.tolerance)
 
-    def rewarded(self, value: Array, success: NDArray[np.bool_]) -> tuple[Array, ...]:
+    def rewarded(self, value: Array, success: Mask) -> tuple[Array, ...]:
         near = np.empty(len(value))
         squash(value, NEAR, near)
         return value, near, success.astype(np.float64)
@@ -101,7 +102,7 @@ class HandoverBatch(TipBatch):
         super().__init__(task, count, n, names)
         self._hand = tuple(names).index(HAND)
 
-    def advance(self, moments: Moments, ends: Array, live: NDArray[np.bool_], dt: float) -> None:
+    def advance(self, moments: Moments, ends: Array, live: Mask, dt: float) -> None:
         before_hands(ends[:, 1, self._hand], self.task.offset, self.goal)
 
 
@@ -116,10 +117,10 @@ class HomeBatch(TaskBatch):
     def value(self, moments: Moments) -> Array:
         return root_mean_square(self.goal - moments.position)
 
-    def reached(self, value: Array, moments: Moments) -> NDArray[np.bool_]:
+    def reached(self, value: Array, moments: Moments) -> Mask:
         return value <= self.task.tolerance
 
-    def rewarded(self, value: Array, success: NDArray[np.bool_]) -> tuple[Array, ...]:
+    def rewarded(self, value: Array, success: Mask) -> tuple[Array, ...]:
         return (value,)
 
     def observe(self, moments: Moments) -> Array:
@@ -145,7 +146,7 @@ class TrackBatch(TaskBatch):
         self.goal[e, : len(goal)], self._counts[e] = goal, len(goal)
         self._start[e], self._visited[e], self._clock[e], self._lateness[e], self._arrived[e] = progress
 
-    def advance(self, moments: Moments, ends: Array, live: NDArray[np.bool_], dt: float) -> None:
+    def advance(self, moments: Moments, ends: Array, live: Mask, dt: float) -> None:
         task, visited, clock = self.task, self._visited, self._clock
         gap = root_mean_square(self._next() - moments.position)
         visited += (visited < self._counts) & (gap <= task.tolerance) & live
@@ -177,10 +178,10 @@ class TrackBatch(TaskBatch):
     def value(self, moments: Moments) -> Array:
         return root_mean_square(self._reference() - moments.position)
 
-    def reached(self, value: Array, moments: Moments) -> NDArray[np.bool_]:
+    def reached(self, value: Array, moments: Moments) -> Mask:
         return self._arrived & (value <= self.task.tolerance)
 
-    def rewarded(self, value: Array, success: NDArray[np.bool_]) -> tuple[Array, ...]:
+    def rewarded(self, value: Array, success: Mask) -> tuple[Array, ...]:
         return value, success.astype(np.float64)
 
     def observe(self, moments: Moments) -> Array:

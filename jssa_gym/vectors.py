@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 
 Infos = dict[str, Any]
 
+Mask = NDArray[np.bool_]
+"""Which of E environments, shape (E,)."""
 
-def as_infos(values: Mapping[str, NDArray[Any]], who: NDArray[np.bool_]) -> Infos:
+
+def as_infos(values: Mapping[str, NDArray[Any]], who: Mask) -> Infos:
     """Arrays of shape (E, ...) with a mask beside each of them.
 
     What those who do not take part have is 0, as in Gymnasium's own vectors.
