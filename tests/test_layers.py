@@ -17,7 +17,7 @@ LAYERS = (
     ("robots", "humans"),
     ("safety",),
     ("shields", "envs", "control"),
-    ("policies",),
+    ("policies", "entry_points"),
     ("evaluation",),
     ("train", "paper", "certificate"),
     ("plots",),

@@ -10,6 +10,7 @@ from typing import Any, Literal, Self
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import InterfaceError, ParameterError
@@ -136,6 +137,14 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._offered: Offered | None = None
         self._jerk_bound = np.array(robot.limits.jerk)
         self._n = robot.n
+
+    of_id: bool = False
+    """Whether it comes with the environment's id, so that a spec does not name it again."""
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What makes this environment anew."""
+        return self.env.spec if self.of_id else super().spec
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, then the filter with the scene that it starts in."""
