@@ -4,6 +4,7 @@ from abc import abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.humans.body import Body
 from jssa_gym.humans.motion import Point, Walk
@@ -18,6 +19,10 @@ class Walker(Walk):
     Subclasses write what they draw into the record, whose fields :data:`~jssa_gym.kernels.walkers.WALKER` names.
     """
 
+    record: NDArray[Any]
+    """Where it is and what it is up to, shape (1,) of ``WALKER``."""
+    body: Body
+    """Its capsules around its root."""
     kind: ClassVar[int]
     """Of :mod:`jssa_gym.kernels.walkers`."""
     draws: ClassVar[int] = 1
@@ -26,18 +31,18 @@ class Walker(Walk):
     def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
         if start is not None:
             self.check_start(start)
-        self._rng, self._record = rng, records(1, WALKER)
-        walker = self._record[0]
+        self._rng, self.record = rng, records(1, WALKER)
+        walker = self.record[0]
         walker["kind"], walker["speed"], walker["square"] = self.kind, self.speed_bound, 2.0
         root, heading = self._write(walker, rng, start)
-        walker["root"], self._body = root, Body.facing(heading, person)
+        walker["root"], self.body = root, Body.facing(heading, person)
         return self._stands(self._next_velocity(0.0))
 
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
-        body = self._body
-        if not step_walker(self._record, body.start, body.end, dt, robot.start, robot.end, robot.radius, body.radius):
+        body = self.body
+        if not step_walker(self.record, body.start, body.end, dt, robot.start, robot.end, robot.radius, body.radius):
             return self._stands(self._next_velocity(dt))
-        x, y = self._record[0]["velocity"].tolist()
+        x, y = self.record[0]["velocity"].tolist()
         return self._stands((x, y))
 
     @abstractmethod
@@ -45,16 +50,16 @@ class Walker(Walk):
         """Draw an episode into a record of ``WALKER``; the root's start (2,) [m] and the body's heading [rad]."""
 
     def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
-        return self._write(self._record[0], rng, start)
+        return self._write(self.record[0], rng, start)
 
     def _next_velocity(self, dt: float) -> Point:
-        while not choose(self._record, dt):
-            walker = self._record[0]
+        while not choose(self.record, dt):
+            walker = self.record[0]
             walker["ahead"][: self.draws] = self._rng.random(self.draws)
             walker["drawn"], walker["used"] = self.draws, 0
-        x, y = self._record[0]["velocity"].tolist()
+        x, y = self.record[0]["velocity"].tolist()
         return x, y
 
     def _stands(self, velocity: Point) -> CapsuleSet:
-        x, y = self._record[0]["root"].tolist()
-        return self._body.at((x, y), velocity)
+        x, y = self.record[0]["root"].tolist()
+        return self.body.at((x, y), velocity)

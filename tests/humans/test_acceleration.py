@@ -238,9 +238,9 @@ def test_who_runs_at_the_arm_hits_it_at_full_speed(acceleration):
         people = motion.reset(np.random.default_rng(seed))
         for _ in range(1000):
             people = motion.step(DT, arm())
-            if motion._record[0]["touches"]:
+            if motion.record[0]["touches"]:
                 break
-        assert motion._record[0]["touches"]
+        assert motion.record[0]["touches"]
         assert np.linalg.norm(people.start_velocity[0]) > 1.6 - acceleration * DT - 1e-9
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import Task
-from jssa_gym.envs.vector.people import OneByOne, refuse_foreign
+from jssa_gym.envs.vector.people import beside, refuse_foreign
 from jssa_gym.envs.vector.tasks import Moments, batched
 from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.humans import Given, make_human
@@ -92,7 +92,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         self.person = np.array(rehearsal.person)
         """Person of each of them, shape (k,)."""
         one._around.take(rehearsal)
-        self._crowd = OneByOne([make_human(one.human) for _ in range(count)], k)
+        self._crowd = beside(one.human, count, k)
         looked_at = len(self.robot.capsules) if one.human.reacts else 0
         parts = one._around.seen.parts.shape[0]
         self._measured = measured(count, parts, records((count, looked_at), SEGMENT))
@@ -125,6 +125,8 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
     @property
     def np_random(self) -> tuple[np.random.Generator | None, ...]:
         """Generator of every environment; None for none so far."""
+        for e in range(self.num_envs):
+            self._crowd.settle(e)
         return tuple(self._rngs)
 
     # ---- beginnings ------------------------------------------------------------------------------------
@@ -184,7 +186,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
             self._rngs[e], self._seeds[e] = one._np_random, one._np_random_seed
             self.state[e], self.time[e], self._steps[e], self._held[e] = one._state, 0.0, 0, 0
             self._task.begin(e, one._goal, one._progress)
-            crowd.begin(e, one._people)
+            crowd.begin(e, one._people, self._rngs[e])
             self._measured.segments[e] = one._around.seen.segments[: self._measured.segments.shape[1]]
             values = values or stacked(info, self.num_envs)
             for key, value in info.items():
