@@ -282,7 +282,7 @@ def test_an_arm_is_never_longer_however_its_goal_jumps():
             limb.point(2.0 * way / np.linalg.norm(way) + (0.0, 0.2, 1.3))
         limb.move(DT)
         limb.head(2.0, DT)
-        longest = max(longest, math.dist(limb._hand, limb._shoulder))
+        longest = max(longest, math.dist(limb.record[0]["hand"], limb.record[0]["shoulder"]))
     assert 0.69 < longest <= 0.7 + 1e-6
 
 

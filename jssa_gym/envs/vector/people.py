@@ -1,17 +1,19 @@
 """People beside many arms: each arm's move as they would beside a single one."""
 
 import copy
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Nobody, Steered, make_human, nobody
+from jssa_gym.humans.hand import Gesturer
 from jssa_gym.humans.walker import Walker
+from jssa_gym.kernels.limbs import GESTURE, LIMB, go_on
 from jssa_gym.kernels.records import records
 from jssa_gym.kernels.walkers import AHEAD, WALKER, choose
-from jssa_gym.tick.walks import place_walker, walk_all
+from jssa_gym.tick.walks import gesture_all, place_gesture, place_walker, walk_all
 from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.vectors import Mask
 
@@ -70,17 +72,20 @@ class OneByOne(Beside):
             self.ends[e], self.radius[e] = people[:4], people.radius
 
 
-class Walkers(Beside):
-    """People who walk as kernels say.
+class DrawnAhead(Beside):
+    """People who move as kernels say; subclasses say which.
 
     What they need of random numbers is drawn ahead, in blocks, from a copy of each arm's generator, which is moved on
     by as many as they used before anybody else uses it: one after the other they are those of a single environment.
     """
 
+    layout: ClassVar[np.dtype[Any]]
+    """Of what is known of each arm's people."""
+
     def __init__(self, motions: list[HumanMotion], parts: int) -> None:
         super().__init__(motions, parts)
         count = len(motions)
-        self._records, self._stuck = records(count, WALKER), np.zeros(count, np.int64)
+        self._records, self._stuck = records(count, self.layout), np.zeros(count, np.int64)
         self._start, self._end = np.zeros((2, count, parts, 3))
         self._rngs: list[np.random.Generator | None] = [None] * count
         self._ahead: dict[int, np.random.Generator] = {}
@@ -89,19 +94,34 @@ class Walkers(Beside):
     def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
         super().begin(e, people, rng)
         motion: Any = self.motions[e]
-        walker = self._records[e : e + 1]
-        walker[:] = motion.record
-        walker["drawn"] = walker["used"] = 0
+        self._records[e : e + 1] = motion.record
+        self._records[e]["drawn"] = self._records[e]["used"] = 0
         self._start[e], self._end[e] = motion.body.start, motion.body.end
         self._rngs[e], self._given[e] = rng, 0
         self._ahead.pop(e, None)
 
     def settle(self, e: int) -> None:
-        walker, rng = self._records[e], self._rngs[e]
-        used = int(self._given[e] - (walker["drawn"] - walker["used"]))
+        record, rng = self._records[e], self._rngs[e]
+        used = int(self._given[e] - (record["drawn"] - record["used"]))
         if rng is not None and used:
             rng.random(used)
             self._given[e] -= used
+
+    def _draw_ahead(self, e: int) -> None:
+        """Fill up what arm ``e``'s people have of random numbers."""
+        if e not in self._ahead:
+            self._ahead[e] = copy.deepcopy(self._rngs[e])  # ty: ignore[invalid-assignment]  # who moves has one
+        record = self._records[e]
+        left = record["ahead"][record["used"] : record["drawn"]].copy()
+        fresh = self._ahead[e].random(AHEAD - len(left))
+        record["ahead"], record["drawn"], record["used"] = np.concatenate([left, fresh]), AHEAD, 0
+        self._given[e] += len(fresh)
+
+
+class Walkers(DrawnAhead):
+    """People who walk."""
+
+    layout = WALKER
 
     def step(self, live: Mask, dt: float, segments: NDArray[Any], names: tuple[str, ...]) -> None:
         walkers, start, end = self._records, self._start, self._end
@@ -112,15 +132,30 @@ class Walkers(Beside):
                 self._draw_ahead(e)
             place_walker(walkers, start, end, e, self.ends)
 
-    def _draw_ahead(self, e: int) -> None:
-        """Fill up what arm ``e``'s walker has of random numbers."""
-        if e not in self._ahead:
-            self._ahead[e] = copy.deepcopy(self._rngs[e])  # ty: ignore[invalid-assignment]  # who walks has one
-        walker = self._records[e]
-        left = walker["ahead"][walker["used"] : walker["drawn"]].copy()
-        fresh = self._ahead[e].random(AHEAD - len(left))
-        walker["ahead"], walker["drawn"], walker["used"] = np.concatenate([left, fresh]), AHEAD, 0
-        self._given[e] += len(fresh)
+
+class Gesturers(DrawnAhead):
+    """People who stand and move their hands."""
+
+    layout = GESTURE
+
+    def __init__(self, motions: list[HumanMotion], parts: int) -> None:
+        super().__init__(motions, parts)
+        self._limbs = records((len(motions), 2), LIMB)
+
+    def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
+        super().begin(e, people, rng)
+        motion: Any = self.motions[e]
+        self._limbs[e] = motion.limbs
+
+    def step(self, live: Mask, dt: float, segments: NDArray[Any], names: tuple[str, ...]) -> None:
+        people, limbs, start, end = self._records, self._limbs, self._start, self._end
+        stuck = gesture_all(people, limbs, start, end, live, dt, segments, self.ends, self._stuck)
+        for e in self._stuck[:stuck].tolist():
+            robot = _capsules(segments[e], names) if segments.shape[1] else nobody()
+            self._draw_ahead(e)
+            while not go_on(people[e : e + 1], limbs[e], dt, robot.start, robot.end, robot.radius):
+                self._draw_ahead(e)
+            place_gesture(people, limbs, start, end, e, self.ends)
 
 
 def beside(motion: HumanMotion, count: int, parts: int) -> Beside:
@@ -129,6 +164,8 @@ def beside(motion: HumanMotion, count: int, parts: int) -> Beside:
         return Beside([motion] * count, parts)
     if isinstance(motion, Walker):
         return Walkers([motion] * count, parts)
+    if isinstance(motion, Gesturer):
+        return Gesturers([motion] * count, parts)
     return OneByOne([make_human(motion) for _ in range(count)], parts)
 
 
