@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from jssa_gym.envs.repeat import ActionRepeat
     from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.envs.tasks import TASKS, Task
+    from jssa_gym.envs.vector import VectorArmEnv
     from jssa_gym.evaluation import RecordSafety, Report, SeparationParams, evaluate
     from jssa_gym.humans import HUMANS, HumanMotion, Walk, make_human
     from jssa_gym.policies import (
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.safety.tracking import measure_tracking
     from jssa_gym.shields import FILTERS, JSSAOptions, JSSAShield, SafetyFilter, Shield, make_filter
+    from jssa_gym.shields.vector import VectorShield
     from jssa_gym.types import CapsuleSet, Decision, JointState, Scene, Status
 
 __version__ = "0.1.0"
@@ -77,6 +79,8 @@ _HOMES = {
     "StraightPolicy": "jssa_gym.policies",
     "TASKS": "jssa_gym.envs.tasks",
     "Task": "jssa_gym.envs.tasks",
+    "VectorArmEnv": "jssa_gym.envs.vector",
+    "VectorShield": "jssa_gym.shields.vector",
     "Walk": "jssa_gym.humans",
     "certify": "jssa_gym.certificate.certify",
     "check_env": "jssa_gym.envs.check",
@@ -126,6 +130,8 @@ __all__ = [
     "Status",
     "StraightPolicy",
     "Task",
+    "VectorArmEnv",
+    "VectorShield",
     "Walk",
     "__version__",
     "certify",

@@ -42,7 +42,7 @@ HEAVY = {
 }
 """Where a heavy library may be imported at all, and there only inside functions."""
 
-WHOLLY_HEAVY = ("train.learner", "train.loop", "train.state")
+WHOLLY_HEAVY = ("train.learner", "train.loop", "train.state", "train.vector")
 """Modules that import such libraries at once, and are themselves imported by others inside functions only."""
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.kernels.chain import forward, jacobian, tool_motion
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import scale_action, scale_nominal, to_shares
 from jssa_gym.kernels.norm import length
@@ -154,3 +155,16 @@ def ease(elapsed, powers, out):
     for e in range(out.shape[0]):
         x = elapsed[e]
         out[e] = x ** powers[0] * (10.0 - 15.0 * x + 6.0 * x ** powers[1])
+
+
+@jit
+def tool_jacobians(links, tool_link, tool_offset, state, frames, motion, J):
+    """Jacobians of the tool centre points into ``J``, shape (E, 3, n), of joint states, shape (E, 3, n).
+
+    ``links`` are the arm's, ``tool_offset`` [m] is the tool's in the frame of ``tool_link``; ``frames`` and ``motion``
+    are scratch.
+    """
+    for e in range(state.shape[0]):
+        forward(links, state[e], frames)
+        tool_motion(frames, tool_link, tool_offset, motion)
+        jacobian(frames, tool_link, motion[0], J[e])

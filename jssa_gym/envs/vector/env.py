@@ -105,6 +105,8 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         self._over = np.zeros(count, np.bool_)
         self.began = np.zeros(count, np.bool_)
         """Which episodes began in the last ``step`` or ``reset``."""
+        self.waits = False
+        """With ``DISABLED``, whether those that are over sit out what follows, rather than that ``step`` refuses it."""
         self._rngs: list[np.random.Generator | None] = [None] * count
         self._seeds: list[int | None] = [None] * count
         self._observations = np.zeros((count, one._observation.size), np.float32)
@@ -219,6 +221,9 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         self._observations[live] = observations[live]
         self._over = terminated | truncated
         infos: Infos = {}
+        if self.autoreset_mode == AutoresetMode.DISABLED:
+            self._over |= again
+            again = np.zeros_like(again)
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             again = self._over.copy()
             if again.any():
@@ -240,10 +245,11 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         """
         if not self._begun:
             raise gym.error.ResetNeeded("reset() has to come before step()")
-        if self.autoreset_mode == AutoresetMode.DISABLED and self._over.any():
+        disabled = self.autoreset_mode == AutoresetMode.DISABLED
+        if disabled and not self.waits and self._over.any():
             over = np.flatnonzero(self._over).tolist()
             raise gym.error.ResetNeeded(f"environments {over} are over: reset(options={{'reset_mask': ...}}) them")
-        return ~self._over if self.autoreset_mode == AutoresetMode.NEXT_STEP else np.ones(self.num_envs, np.bool_)
+        return np.ones(self.num_envs, np.bool_) if self.autoreset_mode == AutoresetMode.SAME_STEP else ~self._over
 
     def checked(self, actions: Any) -> Array:
         """Actions as float64, shape (E, n), a copy.
