@@ -89,7 +89,7 @@ class ArmVecEnv(VecEnv):
             over = running & (terminated | truncated)
             ends[:, over] = terminated[over], truncated[over]
             for e in np.flatnonzero(over).tolist():
-                safety[e] = {name: array[e] for name, array in infos["safety"].items() if name[0] != "_"}
+                safety[e] = {name: array[e].item() for name, array in infos["safety"].items() if name[0] != "_"}
             running &= ~over
             if not running.any():
                 break
