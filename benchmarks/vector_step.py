@@ -2,9 +2,9 @@
 
     python benchmarks/vector_step.py
 
-Processor time an arm: medians over rounds in which the single environment and every vector take turns. Everybody walks
-(``human="random"``), policies wander about home, episodes do not end. Then the memory of an environment, and what an arm
-of a large vector costs beside one of 256. ``--json`` writes all numbers.
+Processor time an arm: medians over rounds in which the single environment and every vector take turns. Everybody
+walks (``human="random"``), policies wander about home, episodes do not end. Then the memory of an environment, and what
+an arm of a large vector costs beside one of 256. ``--json`` writes all numbers.
 """
 
 import argparse

@@ -35,6 +35,7 @@ _ARMS = (NAMES[RIGHT], NAMES[LEFT])
 ARM_LENGTH = 0.7
 """Shoulder to hand of a stretched arm [m]; 0.58 m at rest."""
 
+
 class Limb:
     """An arm of a body whose hand moves on straight lines; the shoulder stays where it is in the body.
 

@@ -28,7 +28,7 @@ def _add_square(total, rest, x):
 
 @jit
 def length(x, y, z):
-    """Length of a vector, rounded correctly but for one case in very many; any infinity or NaN gives what is not finite."""
+    """Length of a vector, rounded correctly but for one case in very many; infinity and NaN give what is not finite."""
     total, rest = _add_square(0.0, 0.0, x)
     total, rest = _add_square(total, rest, y)
     total, rest = _add_square(total, rest, z)

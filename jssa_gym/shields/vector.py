@@ -29,8 +29,8 @@ class VectorShield(VectorWrapper):
     """Runs the actions of many environments through safety filters, one for each, in one compiled call.
 
     What environment ``e`` gives is what ``Shield(env, filter)`` around a single one gives, bit for bit. ``infos`` has
-    the same keys but for the words, ``shield/reason`` and ``shield/kind``: :meth:`reasons` and :meth:`kinds` say them of
-    the last step; ``shield/reason_code`` is there.
+    the same keys but for the words, ``shield/reason`` and ``shield/kind``: :meth:`reasons` and :meth:`kinds` say them
+    of the last step; ``shield/reason_code`` is there.
 
     Args:
         env: A :class:`~jssa_gym.envs.vector.VectorArmEnv`.
@@ -160,7 +160,7 @@ class _Names(NamedTuple):
     names: tuple[str, ...]
     planes: tuple[str, ...]
     statics: tuple[str, ...] = ()
-    wrong: Mapping[str, str] = {"joints": "", "clock": "", "people": "", "fixtures": ""}  # noqa: RUF012  # never changed
+    wrong: Mapping[str, str] = {"joints": "", "clock": "", "people": "", "fixtures": ""}  # never changed
 
 
 class _Records(NamedTuple):
@@ -172,5 +172,5 @@ class _Records(NamedTuple):
 
     @classmethod
     def of(cls, batch: Batch, filter: SafetyFilter, e: int) -> "_Records":
-        memory, scene = (type(all)(*(part[e : e + 1] for part in all)) for all in (batch.memory, batch.scene))
-        return cls(memory, scene, filter.settings())
+        parts: Any = [[part[e : e + 1] for part in all] for all in (batch.memory, batch.scene)]
+        return cls(layout.Memory(*parts[0]), layout.SceneRecord(*parts[1]), filter.settings())

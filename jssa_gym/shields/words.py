@@ -83,7 +83,7 @@ def reason_codes(told: NDArray[Any], finite: NDArray[np.bool_], guarded: bool) -
         guarded: Whether there is a verified stop.
     """
     status, code = told["status"], np.abs(told["code"])
-    no_stop = (codes.LIMITS <= code) & (code <= codes.CROWDED)
+    no_stop = (code >= codes.LIMITS) & (code <= codes.CROWDED)
     # "slowed down" stands before what is in the way, unless that begins with a name
     slowed = (status == codes.FAILSAFE) & (told["chosen"] == GRADED) & (code != codes.REACH) & (code != codes.MEETS)
     spoken = np.where(slowed | (code // 100 != status), 100 * status, code)

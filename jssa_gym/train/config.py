@@ -101,8 +101,8 @@ class TrainConfig:
             raise ParameterError("a vector is one process: give either vector or processes")
         if self.vector and self.stores_executed:
             raise ParameterError(
-                f"learn_from={self.learn_from!r} asks every environment what it executed, which a vector does not tell: "
-                "train without vector, or with learn_from='policy' or 'penalty'"
+                f"learn_from={self.learn_from!r} asks every environment what it executed, which a vector does not "
+                "tell: train without vector, or with learn_from='policy' or 'penalty'"
             )
         for name in ("ticks", "steps", "envs", "interval", "eval_episodes"):
             object.__setattr__(self, name, positive_integer(name, getattr(self, name)))
@@ -172,7 +172,8 @@ class TrainConfig:
     def digest(self) -> str:
         """What tells it from trainings whose results differ.
 
-        How its environments are stepped does not count, and how long it goes on only if its learning rate depends on it.
+        How its environments are stepped does not count, and how long it goes on only if its learning rate depends on
+        it.
         """
         data = {**self.as_dict(), "processes": False}
         data.pop("vector", None)

@@ -20,7 +20,7 @@ from jssa_gym.kernels.records import SEGMENT, records
 from jssa_gym.registration import HORIZON
 from jssa_gym.robots import RobotModel
 from jssa_gym.tick.moves import measured, move_all, observe_all, take_actions
-from jssa_gym.types import Array, Planes
+from jssa_gym.types import Array
 from jssa_gym.validation import positive_integer
 from jssa_gym.vectors import Infos, Mask, as_infos, stacked
 
@@ -330,7 +330,8 @@ def _refuse(dynamics: str, render_mode: str | None) -> None:
         )
     if render_mode is not None:
         raise ParameterError(
-            f"vectors draw nothing, got render_mode={render_mode!r}: play the same seed in gym.make(..., render_mode=...)"
+            f"vectors draw nothing, got render_mode={render_mode!r}: play the same seed in gym.make(..., "
+            "render_mode=...)"
         )
 
 

@@ -119,10 +119,12 @@ def test_long_episodes_draw_what_single_ones_draw(human):
     Pair(3, "reach", human=human, limit=420, terminate_on=(), mode=AutoresetMode.SAME_STEP).play(1000, size=0.2)
 
 
-def test_nobody_wants_more_than_is_drawn_ahead(monkeypatch):
-    made = Pair(2, "reach", human=RandomWalk(period=0.02, speed=3.0), limit=700, terminate_on=()).play(900, size=0.2)
-    given = made.vector._crowd._given
-    assert given.max() > 48
+def test_who_draws_again_and_again_draws_what_a_single_one_draws():
+    restless = RandomWalk(2.0, 3.0, 0.05, ((0.7, 1.0), (-0.2, 0.2)), acceleration=None)
+    pair = Pair(2, "reach", human=restless, limit=700, terminate_on=()).play(650, size=0.2)
+    assert pair.vector._crowd._given.min() > 48  # two blocks, and more
+    for _ in range(80):
+        pair.step(np.zeros((2, 6)))
 
 
 @pytest.mark.parametrize("human", [["random", "walk_by"], Crowd([RandomWalk(), RandomWalk()])])
@@ -177,7 +179,9 @@ def test_every_ending_is_as_alone(ending):
 def test_a_hundred_thousand_steps_are_as_alone(task, shield):
     people = [human for human in HUMANS if (task, human) != ("handover", "none")]
     for seed, human in enumerate(people):
-        Pair(8, task, shield, human=human, mode=MODES[seed % 3], limit=250).play(125 if shield == {} else 1250, seed=seed)
+        Pair(8, task, shield, human=human, mode=MODES[seed % 3], limit=250).play(
+            125 if shield == {} else 1250, seed=seed
+        )
 
 
 # ---- seeds, and who begins when ----------------------------------------------------------------------
