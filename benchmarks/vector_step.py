@@ -77,7 +77,7 @@ def memory(count: int) -> float:
     def resident() -> int:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
-    small = gym.make_vec("jssa_gym/Reach-v0", 2, shield={})
+    small = gym.make_vec("jssa_gym:jssa_gym/Reach-v0", 2, shield={})
     small.reset(seed=0)
     small.step(next(_policy(2, 6)))
     before = resident()

@@ -56,7 +56,7 @@ class VectorRecordSafety(VectorWrapper):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, Infos]:
         """Reset environments; episodes that were not ended are forgotten."""
-        observations, infos = self.env.reset(seed=seed, options=options)
+        observations, infos = self.env.reset(seed=seed, options=options)  # ty: ignore[invalid-argument-type]  # or a list
         self._count[self._arms.began] = 0
         return observations, infos
 

@@ -79,7 +79,7 @@ class VectorShield(VectorWrapper):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, Infos]:
         """Reset environments, then the filters of those with the scene that they start in."""
-        observations, infos = self.env.reset(seed=seed, options=options)
+        observations, infos = self.env.reset(seed=seed, options=options)  # ty: ignore[invalid-argument-type]  # or a list
         began = self._arms.began
         return observations, infos | as_infos(self._begin(began), began)
 
@@ -138,7 +138,7 @@ class VectorShield(VectorWrapper):
     def _told(self, correction: Array) -> dict[str, NDArray[Any]]:
         """What ``info`` says of decisions; ``correction``, shape (E,), is what they changed of actions."""
         told = self._batch.answer.told
-        finite = np.isfinite(self._nominal).all(axis=1)
+        finite: Mask = np.all(np.isfinite(self._nominal), axis=1)
         return {
             "shield/status": told["status"].copy(),
             "shield/reason_code": reason_codes(told, finite, self._guarded),

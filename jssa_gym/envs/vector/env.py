@@ -120,12 +120,12 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         return self._crowd.ends, self._crowd.radius
 
     @property
-    def np_random_seed(self) -> tuple[int | None, ...]:
+    def np_random_seed(self) -> tuple[int | None, ...]:  # ty: ignore[incompatible-property-override]  # as Gymnasium's
         """Seed of every environment; None for none so far."""
         return tuple(self._seeds)
 
     @property
-    def np_random(self) -> tuple[np.random.Generator | None, ...]:
+    def np_random(self) -> tuple[np.random.Generator | None, ...]:  # ty: ignore[incompatible-property-override]
         """Generator of every environment; None for none so far."""
         for e in range(self.num_envs):
             self._crowd.settle(e)

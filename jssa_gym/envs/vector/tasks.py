@@ -37,6 +37,8 @@ def root_mean_square(gap: Array) -> Array:
 class TaskBatch:
     """A task of many arms; subclasses say which. Methods as of :class:`~jssa_gym.envs.tasks.Task`."""
 
+    task: Any
+
     def __init__(self, task: Task, goal: Array) -> None:
         self.task, self.goal = task, goal
 
@@ -71,8 +73,6 @@ class TaskBatch:
 class TipBatch(TaskBatch):
     """Tool centre points go to points."""
 
-    task: TipTask
-
     def __init__(self, task: TipTask, count: int, n: int, names: Sequence[str]) -> None:
         super().__init__(task, np.zeros((count, 3)))
 
@@ -96,8 +96,6 @@ class TipBatch(TaskBatch):
 class HandoverBatch(TipBatch):
     """Tool centre points go to hands."""
 
-    task: Handover
-
     def __init__(self, task: Handover, count: int, n: int, names: Sequence[str]) -> None:
         super().__init__(task, count, n, names)
         self._hand = tuple(names).index(HAND)
@@ -108,8 +106,6 @@ class HandoverBatch(TipBatch):
 
 class HomeBatch(TaskBatch):
     """Arms stay at home."""
-
-    task: Home
 
     def __init__(self, task: Home, count: int, n: int, names: Sequence[str]) -> None:
         super().__init__(task, np.zeros((count, n)))
@@ -129,8 +125,6 @@ class HomeBatch(TaskBatch):
 
 class TrackBatch(TaskBatch):
     """Arms follow waypoints; goals of shape (E, K, n), of which the first ``counts`` are somebody's."""
-
-    task: Track
 
     def __init__(self, task: Track, count: int, n: int, names: Sequence[str]) -> None:
         super().__init__(task, np.zeros((count, task.count, n)))
