@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.envs.tasks import Task
+from jssa_gym.envs.vector.options import checked_mask, checked_mode, checked_seeds, refuse_singular
 from jssa_gym.envs.vector.people import beside, refuse_foreign
 from jssa_gym.envs.vector.tasks import Moments, batched
-from jssa_gym.exceptions import InvalidActionError, ParameterError
+from jssa_gym.exceptions import InvalidActionError
 from jssa_gym.humans import Given, make_human
 from jssa_gym.kernels.records import SEGMENT, records
 from jssa_gym.registration import HORIZON
@@ -66,12 +67,8 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         render_mode: str | None = None,
     ) -> None:
         self.num_envs = count = positive_integer("num_envs", num_envs)
-        _refuse(dynamics, render_mode)
-        try:
-            self.autoreset_mode = AutoresetMode(autoreset_mode)
-        except ValueError:
-            modes = ", ".join(repr(mode.value) for mode in AutoresetMode)
-            raise ParameterError(f"autoreset_mode has to be one of {modes}, got {autoreset_mode!r}") from None
+        refuse_singular(dynamics, render_mode)
+        self.autoreset_mode = checked_mode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self._limit = np.inf if max_episode_steps is None else positive_integer("max_episode_steps", max_episode_steps)
         self.prototype = one = ArmEnv(
@@ -147,33 +144,12 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
             ParameterError: Seeds, mask or another option are unsound.
         """
         options = dict(options or {})
-        which = self._asked(options.pop("reset_mask", None))
-        seeds = self._checked_seeds(seed)
+        which = checked_mask(options.pop("reset_mask", None), self.num_envs)
+        seeds = checked_seeds(seed, self.num_envs)
         values = self._begin(which, seeds, options)
         self._over[which] = False
         self._begun = self._begun or bool(which.all())
         return self._observations.copy(), as_infos(values, which)
-
-    def _asked(self, mask: Any) -> Mask:
-        if mask is None:
-            return np.ones(self.num_envs, np.bool_)
-        if not (isinstance(mask, np.ndarray) and mask.shape == (self.num_envs,) and mask.dtype == np.bool_):
-            raise ParameterError(f"reset_mask has to be an array of bool of shape ({self.num_envs},), got {mask!r}")
-        if not mask.any():
-            raise ParameterError("reset_mask has to name somebody to be reset")
-        return mask.copy()
-
-    def _checked_seeds(self, seed: Any) -> Sequence[int | None]:
-        count = self.num_envs
-        if seed is None:
-            return [None] * count
-        seeds = [seed + e for e in range(count)] if isinstance(seed, int | np.integer) else list(seed)
-        if len(seeds) != count:
-            raise ParameterError(f"there are {count} environments, got {len(seeds)} seeds")
-        for one in seeds:
-            if one is not None and not (isinstance(one, int | np.integer) and one >= 0):
-                raise ParameterError(f"a seed is a whole number that is not negative, got {one!r}")
-        return [one if one is None else int(one) for one in seeds]
 
     def _begin(
         self, which: Mask, seeds: Sequence[int | None], options: dict[str, Any]
@@ -320,19 +296,6 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Nothing is open."""
-
-
-def _refuse(dynamics: str, render_mode: str | None) -> None:
-    """Refuse what is done for one arm at a time."""
-    if dynamics == "servo":
-        raise ParameterError(
-            "dynamics='servo' is MuJoCo's, one arm at a time: take dynamics='kinematic', or vectorization_mode='sync'"
-        )
-    if render_mode is not None:
-        raise ParameterError(
-            f"vectors draw nothing, got render_mode={render_mode!r}: play the same seed in gym.make(..., "
-            "render_mode=...)"
-        )
 
 
 def _final(observations: NDArray[np.float32], infos: Infos, who: Mask) -> Infos:
