@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from jssa_gym.envs.repeat import ActionRepeat
     from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.envs.tasks import TASKS, Task
+    from jssa_gym.envs.vector import VectorArmEnv
     from jssa_gym.evaluation import RecordSafety, Report, SeparationParams, evaluate
     from jssa_gym.guard import Guard, GuardAnswer
     from jssa_gym.humans import HUMANS, HumanMotion, Walk, make_human
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from jssa_gym.safety.index import IndexParams
     from jssa_gym.safety.tracking import measure_tracking
     from jssa_gym.shields import FILTERS, JSSAOptions, JSSAShield, SafetyFilter, Shield, make_filter
+    from jssa_gym.shields.vector import VectorShield
     from jssa_gym.types import CapsuleSet, Decision, JointState, MeasuredPeople, Planes, Scene, Status
 
 __version__ = "0.1.0"
@@ -96,6 +98,8 @@ _HOMES = {
     "TipVelocity": "jssa_gym.control",
     "ToolPose": "jssa_gym.control",
     "Twist": "jssa_gym.control",
+    "VectorArmEnv": "jssa_gym.envs.vector",
+    "VectorShield": "jssa_gym.shields.vector",
     "Walk": "jssa_gym.humans",
     "certify": "jssa_gym.certificate.certify",
     "check_env": "jssa_gym.envs.check",
@@ -155,6 +159,8 @@ __all__ = [
     "TipVelocity",
     "ToolPose",
     "Twist",
+    "VectorArmEnv",
+    "VectorShield",
     "Walk",
     "__version__",
     "certify",

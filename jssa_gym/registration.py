@@ -6,12 +6,16 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import gymnasium as gym
-from gymnasium.envs.registration import WrapperSpec
 
 HORIZON = 1000
 """Steps of an episode: 8 s."""
 
-_ENV, _SHIELD = "jssa_gym.envs.arm:ArmEnv", "jssa_gym.shields.shield:JSSAShield"
+_BUILT_BY = "jssa_gym.entry_points"
+_POINTS = {
+    False: ("jssa_gym.envs.arm:ArmEnv", f"{_BUILT_BY}:make_vector"),
+    True: (f"{_BUILT_BY}:make_shielded", f"{_BUILT_BY}:make_shielded_vector"),
+}
+"""Entry points of an id and of its vectors, by whether it is a shielded one."""
 
 
 class Entry(NamedTuple):
@@ -48,8 +52,8 @@ ENTRIES: dict[str, Entry] = {
 def register_ids() -> None:
     """Tell Gymnasium the two ids of every task, those that it does not know yet."""
     for task, entry in ENTRIES.items():
-        for shielded in (False, True):
+        for shielded, (single, vector) in _POINTS.items():
             if (name := entry.env_id(shielded)) not in gym.registry:
-                shield = WrapperSpec("JSSAShield", _SHIELD, dict(entry.shield))
-                wrappers = (shield,) if shielded else ()
-                gym.register(name, _ENV, max_episode_steps=HORIZON, kwargs={"task": task}, additional_wrappers=wrappers)
+                gym.register(
+                    name, single, max_episode_steps=HORIZON, kwargs={"task": task}, vector_entry_point=vector
+                )  # fmt: skip

@@ -12,7 +12,7 @@ from jssa_gym.kernels.records import CAPSULE, LINK, records
 from jssa_gym.kernels.verification import SAFE
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.reading import Reading
-from jssa_gym.shields.records import Records
+from jssa_gym.shields.records import ONE, Records
 from jssa_gym.shields.words import Told, _fault
 from jssa_gym.tick import admit, joints, layout, loop, people
 from jssa_gym.tick.assumed import Assumed
@@ -91,7 +91,7 @@ class JointMonitor:
 
     def reset(self, robot):
         self.reading.read(_Shown(robot, 0.0))
-        loop.start(self.records.view.arms)
+        loop.start(self.records.view.arms, ONE)
         self.reading.forget()
 
     def read(self, robot, time):
@@ -150,7 +150,7 @@ class HumanMonitor:
     def reset(self):
         self.reading.forget()
         self.reading.read(None)
-        loop.start(self.records.view.arms)
+        loop.start(self.records.view.arms, ONE)
         self.reading.forget()
 
     def update(self, time, human, age, valid):

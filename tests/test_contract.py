@@ -104,8 +104,10 @@ class TestTask:
         for shielded in (False, True):
             spec = gym.spec(ENTRIES[name].env_id(shielded))
             assert spec.id == f"jssa_gym/{TASKS[name].__name__}{'Shielded' if shielded else ''}-v0"
-            assert (spec.kwargs, len(spec.additional_wrappers)) == ({"task": name}, shielded)
-            assert type(spec.make().unwrapped.task) is TASKS[name]
+            assert (spec.kwargs, spec.additional_wrappers) == ({"task": name}, ())
+            made = spec.make()
+            assert type(made.unwrapped.task) is TASKS[name]
+            assert made.has_wrapper_attr("filter") == shielded
 
     def test_a_campaign_takes_it(self, name: str) -> None:
         assert name in get_args(get_type_hints(Stress)["task"])
@@ -120,5 +122,5 @@ def test_a_task_that_is_entered_is_registered(monkeypatch: pytest.MonkeyPatch) -
     before = set(registry)
     register_ids()
     assert set(registry) - before == {"jssa_gym/Push-v0", "jssa_gym/PushShielded-v0"}
-    (shield,) = registry["jssa_gym/PushShielded-v0"].additional_wrappers
-    assert (shield.name, shield.kwargs) == ("JSSAShield", {"lambda1": 3.0})
+    monkeypatch.setitem(TASKS, "push", TASKS["reach"])
+    assert gym.make("jssa_gym/PushShielded-v0").get_wrapper_attr("filter").params.lambda1 == 3.0

@@ -13,12 +13,12 @@ PACKAGE = Path(jssa_gym.__file__).parent
 
 LAYERS = (
     ("kernels", "exceptions", "headless", "registration"),
-    ("tick", "types", "validation", "rates", "storage", "text", "palette"),
+    ("tick", "types", "validation", "rates", "storage", "text", "palette", "vectors"),
     ("robots", "humans"),
     ("safety",),
     ("perception",),
     ("shields", "envs", "control"),
-    ("policies", "guard"),
+    ("policies", "guard", "entry_points"),
     ("evaluation",),
     ("train", "paper", "certificate"),
     ("plots",),
@@ -52,7 +52,7 @@ HEAVY = {
 """Where a heavy library may be imported at all, and there only inside functions."""
 
 WHOLLY_HEAVY = (
-    *("train.learner", "train.loop", "train.state"),
+    *("train.learner", "train.loop", "train.state", "train.vector"),
     *(f"viewer.{name}" for name in ("capsules", "charts", "page", "panel", "scene", "server", "shapes")),
 )
 """Modules that import such libraries at once, and are themselves imported by others inside functions only."""

@@ -97,21 +97,23 @@ class Commands:
     """Share of the velocity and acceleration limits that is used, in (0, 1]."""
     robot: RobotModel | None = None
     """Whose tool is commanded; only ``tip`` needs it."""
-    _cascade: Cascade = field(init=False, repr=False)
-    _rates: ResolvedRates | None = field(init=False, repr=False)
+    cascade: Cascade = field(init=False, repr=False)
+    """Leads to joint velocities and positions."""
+    rates: ResolvedRates | None = field(init=False, repr=False)
+    """Makes joint velocities of the tool's; None but for ``tip``."""
 
     def __post_init__(self) -> None:
         known_name("mode", self.mode, MODES)
         if self.mode == "tip" and self.robot is None:
             raise ParameterError("commands of the tool centre point need a robot")
-        object.__setattr__(self, "_cascade", Cascade(self.limits, share=self.share))
+        object.__setattr__(self, "cascade", Cascade(self.limits, share=self.share))
         tip = self.mode == "tip" and self.robot is not None
-        object.__setattr__(self, "_rates", ResolvedRates(self.robot) if tip else None)
+        object.__setattr__(self, "rates", ResolvedRates(self.robot) if tip else None)
 
     @property
     def size(self) -> int:
         """How many numbers a command has."""
-        return len(self.limits.jerk) if self._rates is None else 3
+        return len(self.limits.jerk) if self.rates is None else 3
 
     def jerk(self, state: JointState, command: Array) -> Array:
         """The jerk towards a command, as a share of the jerk bounds, shape (n,).
@@ -120,10 +122,10 @@ class Commands:
             state: Joint state.
             command: Within [-1, 1], shape (:attr:`size`,).
         """
-        cascade, limits = self._cascade, self.limits
-        if self._rates is not None:
-            self._rates.look(state)
-            jerk = cascade.jerk_at_speed(state, self._rates.joint_velocity(command * TIP_SPEED))
+        cascade, limits = self.cascade, self.limits
+        if self.rates is not None:
+            self.rates.look(state)
+            jerk = cascade.jerk_at_speed(state, self.rates.joint_velocity(command * TIP_SPEED))
         elif self.mode == "position":
             low, high = limits.position.T
             jerk = cascade.jerk(state, (low + high) / 2.0 + command * ((high - low) / 2.0))
@@ -133,8 +135,8 @@ class Commands:
 
     def met_by(self, state: JointState) -> Array:
         """The command in [-1, 1] that a state is what was asked for, or the nearest one, shape (:attr:`size`,)."""
-        if self._rates is not None:
-            command = self._rates.look(state)[1] / TIP_SPEED
+        if self.rates is not None:
+            command = self.rates.look(state)[1] / TIP_SPEED
         elif self.mode == "position":
             low, high = self.limits.position.T
             command = (2.0 * state.position - high - low) / (high - low)

@@ -21,13 +21,13 @@ class ResolvedRates:
     """
 
     def __init__(self, robot: RobotModel, damping: float = 0.1) -> None:
-        self._robot, self._damping = robot, positive_number("damping", damping)
+        self._robot, self.damping = robot, positive_number("damping", damping)
         self._frames, self._motion = records(robot.n, FRAME), np.zeros((2, 3))
         self._J = np.zeros((3, robot.n))
 
     def __reduce__(self) -> tuple[type["ResolvedRates"], tuple[RobotModel, float]]:
         # what was looked at last is no part of it: a policy's pickle, which tells it from others, must not change
-        return ResolvedRates, (self._robot, self._damping)
+        return ResolvedRates, (self._robot, self.damping)
 
     def look(self, state: JointState) -> tuple[Array, Array]:
         """Where the tool centre point is [m] and how it moves [m/s], each of shape (3,); copies."""
@@ -40,4 +40,4 @@ class ResolvedRates:
     def joint_velocity(self, velocity: Array) -> Array:
         """Joint velocity, shape (n,) [rad/s], for a velocity of the tool, shape (3,) [m/s], at the state looked at."""
         J = self._J
-        return J.T @ np.linalg.solve(J @ J.T + self._damping**2 * np.eye(3), velocity)
+        return J.T @ np.linalg.solve(J @ J.T + self.damping**2 * np.eye(3), velocity)

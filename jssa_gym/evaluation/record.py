@@ -1,11 +1,13 @@
 """Safety metrics of every episode of any training loop."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.definitions import metrics_of
@@ -17,6 +19,22 @@ from jssa_gym.validation import number_within, positive_integer
 
 _NEEDED = ("success", "distance", "contact", "contact_speed", "limit_violation")
 """Keys of ``info`` that there have to be; those of a shield may be missing."""
+
+COLUMNS: dict[str, type] = {
+    "reward": float,
+    "success": bool,
+    "distance": float,
+    "contact": bool,
+    "contact_speed": float,
+    "limit_violation": bool,
+    "shield/status": np.int64,
+    "reasoned": bool,
+    "shield/intervened": bool,
+    "shield/correction": float,
+    "shield/phi": float,
+    "shield/slack": float,
+}
+"""What is taken down of every step; ``reasoned`` is whether the shield gave a reason other than the jerk bounds."""
 
 _OPTIONAL = frozenset(metric.name for metric in metrics_of(StepSummary) if metric.optional)
 
@@ -84,31 +102,30 @@ class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
             summary = self._summary(terminated)
             self._rows.clear()
             self.recent.append(summary)
-            info["safety"] = {
-                name: (np.nan if value is None else float(value)) if name in _OPTIONAL else value
-                for name, value in asdict(summary).items()
-            }
+            info["safety"] = as_numbers(summary)
         return observation, reward, terminated, truncated, info
 
     def _summary(self, terminated: bool) -> StepSummary:
-        kinds = (float, bool, float, bool, float, bool, np.int64, bool, bool, float, float, float)
-        columns = [np.array(x, kind) for x, kind in zip(zip(*self._rows, strict=True), kinds, strict=True)]
-        (reward, success, distance, contact, contact_speed, violation, status, reasoned, *rest) = columns
-        ended = "terminated" if terminated else "truncated"
-        changed = reasoned & (status != Status.NOMINAL)
-        steps = Steps(
-            self._dt,
-            self._d_min,
-            self._holds,
-            ended,
-            reward,
-            success,
-            distance,
-            contact,
-            contact_speed,
-            violation,
-            status,
-            changed,
-            *rest,
-        )
-        return summarise_steps(steps, self._v_safe)
+        columns = [np.array(x, kind) for x, kind in zip(zip(*self._rows, strict=True), COLUMNS.values(), strict=True)]
+        return summary_of(columns, terminated, self._dt, self._d_min, self._holds, self._v_safe)
+
+
+def summary_of(
+    columns: Sequence[NDArray[Any]], terminated: bool, dt: float, d_min: float, holds: bool, v_safe: float
+) -> StepSummary:
+    """What an episode's steps come to, whose :data:`COLUMNS` these are; the rest as of :class:`Steps`."""
+    (reward, success, distance, contact, contact_speed, violation, status, reasoned, *rest) = columns
+    ended: Literal["terminated", "truncated"] = "terminated" if terminated else "truncated"
+    changed = reasoned & (status != Status.NOMINAL)
+    steps = Steps(
+        dt, d_min, holds, ended, reward, success, distance, contact, contact_speed, violation, status, changed, *rest
+    )  # fmt: skip
+    return summarise_steps(steps, v_safe)
+
+
+def as_numbers(summary: StepSummary) -> dict[str, Any]:
+    """A summary as ``info["safety"]`` has it: NaN where an episode has none."""
+    return {
+        name: (np.nan if value is None else float(value)) if name in _OPTIONAL else value
+        for name, value in asdict(summary).items()
+    }

@@ -2,13 +2,30 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from jssa_gym.humans.acceleration import HAND, acceleration_bound, stopping_place, stopping_speed, towards
+from jssa_gym.humans.acceleration import HAND, acceleration_bound
 from jssa_gym.humans.body import NAMES, Body
 from jssa_gym.humans.motion import CLEARANCE, STILL, HumanMotion, Point, check_clearance
-from jssa_gym.kernels.reach import nearest_to_point
+from jssa_gym.kernels.limbs import (
+    FLICKS,
+    GESTURE,
+    LIMB,
+    THERE,
+    aim,
+    go_on,
+    head,
+    move,
+    point,
+    put,
+    put_all,
+    step_gesture,
+    withdraw,
+)
+from jssa_gym.kernels.records import records
 from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.validation import low_high, positive_number, share
 
@@ -17,9 +34,6 @@ _ARMS = (NAMES[RIGHT], NAMES[LEFT])
 
 ARM_LENGTH = 0.7
 """Shoulder to hand of a stretched arm [m]; 0.58 m at rest."""
-
-_THERE = 1e-9
-"""Distance at which a hand is at its goal [m]."""
 
 
 class Limb:
@@ -35,64 +49,82 @@ class Limb:
     """
 
     def __init__(self, body: Body, part: int, length: float = ARM_LENGTH, acceleration: float = math.inf) -> None:
-        self._part, self._length, self._acceleration = part, length, acceleration
-        self._shoulder, self._rest = body.start[part].tolist(), body.end[part].tolist()
-        self._hand, self._goal = self._rest, self._rest
-        self._velocity: Sequence[float] = (0.0, 0.0, 0.0)
-        self._reach = max(length, math.dist(self._shoulder, self._rest)) + _THERE
-
-    @property
-    def arrived(self) -> bool:
-        """Whether the hand is at its goal."""
-        return math.dist(self._hand, self._goal) < _THERE
+        self.record = records(1, LIMB)
+        write_limb(self.record[0], body, part, length, acceleration)
 
     @property
     def withdrawn(self) -> bool:
         """Whether the goal is the hand's place at rest."""
-        return self._goal is self._rest
+        return bool(self.record[0]["withdrawn"])
 
     def withdraw(self) -> None:
         """Make the place at rest the goal."""
-        self._goal = self._rest
+        withdraw(self.record)
 
     def aim(self, robot: CapsuleSet, root: Point) -> None:
         """Make the link nearest to the shoulder the goal, or as far towards it as the arm is long."""
-        sx, sy, sz = self._shoulder
-        x, y = root
-        _, (px, py, pz) = nearest_to_point((sx + x, sy + y, sz), robot.start, robot.end, robot.radius)
-        self.point((px - x, py - y, pz))
+        aim(self.record, root[0], root[1], robot.start, robot.end, robot.radius)
 
     def point(self, place: Sequence[float]) -> None:
         """Make a place relative to the root, shape (3,) [m], the goal, or as far towards it as the arm is long."""
-        sx, sy, sz = self._shoulder
-        way = (place[0] - sx, place[1] - sy, place[2] - sz)
-        part = min(1.0, self._length / max(math.hypot(*way), _THERE))
-        self._goal = [sx + part * way[0], sy + part * way[1], sz + part * way[2]]
+        point(self.record, *map(float, place))
 
     def move(self, dt: float) -> None:
         """Let the velocity act for ``dt`` [s]."""
-        self._hand = [h + v * dt for h, v in zip(self._hand, self._velocity, strict=True)]
+        move(self.record, dt)
 
     def head(self, speed: float, dt: float, fastest: float = math.inf) -> None:
         """Choose the velocity of the step to come: at ``speed`` [m/s] in the body to the goal, and no farther.
 
-        ``fastest`` [m/s] is a bound on what is left of a motion elsewhere, see :func:`towards`.
+        ``fastest`` [m/s] is a bound on what is left of a motion elsewhere.
         """
-        length, most = math.dist(self._hand, self._goal), self._acceleration
-        rate = min(speed, stopping_speed(length, most, dt)) / length if length >= _THERE else 0.0
-        wanted = [rate * (g - h) for g, h in zip(self._goal, self._hand, strict=True)]
-        velocity = towards(self._velocity, wanted, most, dt, fastest)
-        if most < math.inf and math.dist(stopping_place(self._hand, velocity, most, dt), self._shoulder) > self._reach:
-            velocity = towards(self._velocity, (0.0, 0.0, 0.0), most, dt, fastest)  # the arm is no longer
-        self._velocity = velocity
+        head(self.record, speed, dt, fastest)
 
     def put(self, people: CapsuleSet) -> None:
         """Write the hand into the capsules of its body, which has the limb at rest."""
-        people.end[self._part] += [h - r for h, r in zip(self._hand, self._rest, strict=True)]
-        people.end_velocity[self._part] += self._velocity
+        put(self.record, people.end, people.end_velocity)
 
 
-class Hand(HumanMotion):
+def write_limb(limb: Any, body: Body, part: int, length: float, acceleration: float) -> None:
+    """A limb at rest, into a record of ``LIMB``; arguments as of :class:`Limb`."""
+    limb["shoulder"], limb["rest"], limb["hand"], limb["goal"] = body.start[part], *(body.end[part],) * 3
+    limb["length"], limb["acceleration"], limb["part"], limb["withdrawn"] = length, acceleration, part, True
+    limb["reach"] = max(length, math.dist(limb["shoulder"], limb["rest"])) + THERE
+
+
+class Gesturer(HumanMotion):
+    """Stands and moves hands; :func:`~jssa_gym.kernels.limbs.step_gesture` says where to and how fast."""
+
+    record: NDArray[Any]
+    """Who it is, shape (1,) of ``GESTURE``."""
+    limbs: NDArray[Any]
+    """The arms that move, shape (2,) of ``LIMB``."""
+    body: Body
+    """The capsules around the root, with the arms at rest."""
+    _rng: np.random.Generator | None = None
+
+    def _stand(self, kind: int, root: Point, person: int) -> Any:
+        """Begin to stand at ``root`` [m], facing the base axis: the record to write into."""
+        self.record, self.limbs = records(1, GESTURE), records(2, LIMB)
+        self.record[0]["kind"], self.record[0]["root"] = kind, root
+        self.body = Body.facing(math.atan2(-root[1], -root[0]), person)
+        return self.record[0]
+
+    def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
+        links = robot.start, robot.end, robot.radius
+        chosen = step_gesture(self.record, self.limbs, dt, *links)
+        gesture = self.record[0]
+        while not chosen and self._rng is not None:
+            asked = int(gesture["asks"])
+            gesture["ahead"][:asked], gesture["drawn"], gesture["used"] = self._rng.random(asked), asked, 0
+            chosen = go_on(self.record, self.limbs, dt, *links)
+        x, y = gesture["root"].tolist()
+        people = self.body.at((x, y), STILL)
+        put_all(self.limbs, gesture["limbs"], people.end, people.end_velocity)
+        return people
+
+
+class Hand(Gesturer):
     """Stands in front of the arm and flicks a hand, or either, at the nearest link and back, again and again.
 
     The stroke goes straight to where the link is as it begins. Body, legs and shoulders stand still; only the ends
@@ -138,31 +170,13 @@ class Hand(HumanMotion):
             start = np.array([rng.uniform(*self.front), rng.uniform(*self.side)])
         else:
             self.check_start(start)
-        self._rng, self._time, self._root = rng, 0.0, (float(start[0]), float(start[1]))
-        self._body = Body.facing(math.atan2(-self._root[1], -self._root[0]), person)
+        self._rng, root = rng, (float(start[0]), float(start[1]))
+        gesture = self._stand(FLICKS, root, person)
         parts = (RIGHT, LEFT) if rng.random() < self.both else (RIGHT,)
-        self._limbs = [Limb(self._body, part, self.length, self.acceleration) for part in parts]
-        self._speeds = [0.0 for _ in parts]
-        self._moments = [rng.uniform(*self.pause) for _ in parts]
-        return self._body.at(self._root, STILL)
-
-    def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
-        self._time += dt
-        people = self._body.at(self._root, STILL)
-        for k, limb in enumerate(self._limbs):
-            limb.move(dt)
-            if limb.arrived and self._time >= self._moments[k]:
-                self._turn(k, robot)
-            limb.head(self._speeds[k], dt)
-            limb.put(people)
-        return people
-
-    def _turn(self, k: int, robot: CapsuleSet) -> None:
-        """Begin the next stroke of a limb: out, or back at once."""
-        limb = self._limbs[k]
-        if not limb.withdrawn:
-            limb.withdraw()
-            self._moments[k] = self._time + self._rng.uniform(*self.pause)
-        elif len(robot.radius):
-            limb.aim(robot, self._root)
-        self._speeds[k] = self._rng.uniform(*self.speed)
+        gesture["limbs"] = len(parts)
+        gesture["slowest"], gesture["fastest"] = self.speed
+        gesture["shortest"], gesture["longest"] = self.pause
+        for k, part in enumerate(parts):
+            write_limb(self.limbs[k], self.body, part, self.length, self.acceleration)
+            self.limbs[k]["moment"] = rng.uniform(*self.pause)
+        return self.body.at(root, STILL)

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from jssa_gym.humans.acceleration import HAND, acceleration_bound
-from jssa_gym.humans.body import NAMES, Body
-from jssa_gym.humans.hand import ARM_LENGTH, RIGHT, Limb
-from jssa_gym.humans.motion import CLEARANCE, STILL, HumanMotion, check_clearance
+from jssa_gym.humans.body import NAMES
+from jssa_gym.humans.hand import ARM_LENGTH, RIGHT, Gesturer, write_limb
+from jssa_gym.humans.motion import CLEARANCE, STILL, check_clearance
+from jssa_gym.kernels.limbs import RECEIVES
 from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.validation import low_high
 
 
-class Receive(HumanMotion):
+class Receive(Gesturer):
     """Stands in front of the arm and holds out the right hand, low at first, then nearer and higher, as in the paper's
     handover; takes it back in the end.
 
@@ -74,33 +75,18 @@ class Receive(HumanMotion):
             start = np.array([rng.uniform(*self.front), rng.uniform(*self.side)])
         else:
             self.check_start(start)
-        self._root = (float(start[0]), float(start[1]))
-        heading = math.atan2(-self._root[1], -self._root[0])
-        self._body = Body.facing(heading, person)
-        self._limb = Limb(self._body, RIGHT, ARM_LENGTH, self.acceleration)
+        root = (float(start[0]), float(start[1]))
+        gesture = self._stand(RECEIVES, root, person)
+        gesture["limbs"] = 1
+        write_limb(self.limbs[0], self.body, RIGHT, ARM_LENGTH, self.acceleration)
+        heading = math.atan2(-root[1], -root[0])
         ahead, aside, up, nearer, higher = (
             rng.uniform(*r) for r in (self.forward, self.aside, self.height, self.nearer, self.higher)
         )
         c, s = math.cos(heading), math.sin(heading)
-        low, high = ((x * c + aside * s, x * s - aside * c, z) for x, z in ((ahead, up), (ahead + nearer, up + higher)))
-        pauses = [rng.uniform(*r) for r in (self.wait, self.hold, self.stay)]
-        speeds = [rng.uniform(*self.speed) for _ in pauses]
-        self._ways = list(zip(pauses, (low, high, None), speeds, strict=True))
-        self._time, self._under_way, self._speed = 0.0, 0.0, 0.0
-        return self._body.at(self._root, STILL)
-
-    def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
-        self._time += dt
-        limb, people = self._limb, self._body.at(self._root, STILL)
-        limb.move(dt)
-        if not limb.arrived:
-            self._under_way = self._time
-        elif self._ways and self._time - self._under_way >= self._ways[0][0]:
-            _, place, self._speed = self._ways.pop(0)
-            if place is None:
-                limb.withdraw()
-            else:
-                limb.point(place)
-        limb.head(self._speed, dt)
-        limb.put(people)
-        return people
+        gesture["places"] = [
+            (x * c + aside * s, x * s - aside * c, z) for x, z in ((ahead, up), (ahead + nearer, up + higher))
+        ]
+        gesture["pauses"] = [rng.uniform(*r) for r in (self.wait, self.hold, self.stay)]
+        gesture["speeds"] = [rng.uniform(*self.speed) for _ in range(3)]
+        return self.body.at(root, STILL)

@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans.acceleration import WALKER, acceleration_bound, towards
-from jssa_gym.humans.motion import CLEARANCE, STILL, Point, Walk
+from jssa_gym.humans.acceleration import WALKER, acceleration_bound
+from jssa_gym.humans.motion import CLEARANCE, STILL
+from jssa_gym.humans.walker import Walker
+from jssa_gym.kernels.walkers import APPROACHES, PASSES, STRAIGHT
 from jssa_gym.types import Array
 from jssa_gym.validation import low_high, positive_number, share
 
@@ -19,14 +22,7 @@ def _heading_past(start: Array, offset: float) -> float:
     return np.arctan2(-start[1], -start[0]) + np.sign(offset) * np.arcsin(min(abs(offset) / np.hypot(*start), 1.0))
 
 
-def _seconds_after_ramp(time: float, ramp: float) -> float:
-    """How far a velocity that grows from 0 to 1 m/s leads in a time [s], from the begin of the ramp [s] on [m]."""
-    if time <= 0.0:
-        return 0.0
-    return time**2 / (2.0 * ramp) if time < ramp else time - ramp / 2.0
-
-
-class ConstantVelocity(Walk):
+class ConstantVelocity(Walker):
     """A straight walk through the workspace or past it: side, heading, speed and moment are drawn.
 
     Args:
@@ -35,6 +31,8 @@ class ConstantVelocity(Walk):
             sides, so that below 0.8 m one of them brushes the robot's base.
         passing: Range of the time of the closest approach [s].
     """
+
+    kind: ClassVar[int] = STRAIGHT
 
     def __init__(
         self,
@@ -47,7 +45,7 @@ class ConstantVelocity(Walk):
         self.passing = low_high("passing", passing)
         self.speed_bound = self.speed[1]
 
-    def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
+    def _write(self, walker: Any, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
         heading = rng.uniform(-np.pi, np.pi)
         side = rng.choice([-1.0, 1.0])
         speed, offset, passing = (rng.uniform(*r) for r in (self.speed, self.offset, self.passing))
@@ -56,15 +54,12 @@ class ConstantVelocity(Walk):
         direction = np.array([np.cos(heading), np.sin(heading)])
         closest = side * offset * np.array([-direction[1], direction[0]])
         walking = speed * direction
-        self._walking = (float(walking[0]), float(walking[1]))
+        walker["velocity"] = walking
         root = closest - walking * passing if start is None else start
         return root, heading
 
-    def _next_velocity(self, dt: float) -> Point:
-        return self._walking
 
-
-class WalkBy(Walk):
+class WalkBy(Walker):
     """Walks past in front of the arm or beside it, now a little slower, now a little faster, and may stop for a while.
 
     Args:
@@ -76,6 +71,8 @@ class WalkBy(Walk):
         stop: Range of the duration of the stop [s], which every second person makes.
         acceleration: Largest acceleration [m/s²]; None for none: the pace changes at once.
     """
+
+    kind: ClassVar[int] = PASSES
 
     def __init__(
         self,
@@ -93,8 +90,7 @@ class WalkBy(Walk):
         self.acceleration = acceleration_bound("acceleration", acceleration)
         self.speed_bound = self.speed[1]
 
-    def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
-        self._rng = rng
+    def _write(self, walker: Any, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
         bearing = rng.uniform(-2.0 / 3.0 * np.pi, 2.0 / 3.0 * np.pi)
         side = rng.choice([-1.0, 1.0])
         pace, offset, passing = (rng.uniform(*r) for r in (self.speed, self.offset, self.passing))
@@ -103,30 +99,13 @@ class WalkBy(Walk):
         direction = np.array([np.cos(heading), np.sin(heading)])
         if start is None:
             start = offset * np.array([np.cos(bearing), np.sin(bearing)]) - pace * passing * direction
-        self._direction, self._pace = (float(direction[0]), float(direction[1])), pace
-        self._stop = (begin, begin + duration) if stops else (math.inf, math.inf)
-        self._changes, self._now = 0.0, pace
+        walker["direction"], walker["acceleration"] = direction, self.acceleration
+        walker["pace"], walker["now"], walker["change"], walker["slowest"] = pace, pace, self.change, self.speed[0]
+        walker["stop_begin"], walker["stop_end"] = (begin, begin + duration) if stops else (math.inf, math.inf)
         return start, heading
 
-    def _next_velocity(self, dt: float) -> Point:
-        wanted = self._wanted()
-        if dt == 0.0:
-            return wanted  # somebody who walks by has walked before
-        vx, vy = towards(self._velocity, wanted, self.acceleration, dt)
-        return vx, vy
 
-    def _wanted(self) -> Point:
-        """Velocity at the person's pace [m/s]."""
-        if self._stop[0] <= self._time < self._stop[1]:
-            return STILL
-        if self._time >= self._changes:
-            self._changes = self._time + 0.5
-            low, high = self.speed
-            self._now = min(max(self._pace * (1.0 + self.change * self._rng.uniform(-1.0, 1.0)), low), high)
-        return self._now * self._direction[0], self._now * self._direction[1]
-
-
-class ApproachRetreat(Walk):
+class ApproachRetreat(Walker):
     """The paper's Fig. 5: walks up in front of the arm, slows down, stops, steps back.
 
     Every change of the velocity is a ramp of constant acceleration that takes as long as the start of the walk, speed
@@ -142,6 +121,8 @@ class ApproachRetreat(Walk):
         stay: Range of the time the person stays [s].
         acceleration: Largest acceleration [m/s²]; None for none: the velocity changes at once.
     """
+
+    kind: ClassVar[int] = APPROACHES
 
     def __init__(
         self,
@@ -171,45 +152,18 @@ class ApproachRetreat(Walk):
                 f"the person comes from in front: start needs x >= {self.nearest[1]}, got {start.tolist()}"
             )
 
-    def _begin(self, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
+    def _write(self, walker: Any, rng: np.random.Generator, start: Array | None) -> tuple[Array, float]:
         nearest, side, speed, wait, stay = (
             rng.uniform(*r) for r in (self.nearest, self.side, self.speed, self.wait, self.stay)
         )
         root = np.array([self.start, side]) if start is None else start
         way = np.array([nearest, root[1]]) - root
         length = float(np.hypot(*way))
-        self._stop, self._ramp, self._origin = nearest, speed / self.acceleration, (float(root[0]), float(root[1]))
+        walker["acceleration"], walker["ramp"] = self.acceleration, speed / self.acceleration
+        walker["nearest"], walker["origin"] = nearest, root
         x, y = (float(c) for c in (way / length * speed if length > 0.0 else np.zeros(2)))
-        # (end of the segment [s], velocity); the last one lasts for ever
         fast, slow = 2.0 / 3.0 * length / max(speed, 1e-9), 2.0 / 3.0 * length / max(speed, 1e-9)
-        moments = np.cumsum([wait, fast, slow, stay + self._ramp, length / max(speed, 1e-9)])
+        moments = np.cumsum([wait, fast, slow, stay + speed / self.acceleration, length / max(speed, 1e-9)])
         velocities = (STILL, (x, y), (x / 2.0, y / 2.0), STILL, (-x, -y))
-        self._segments = list(zip(moments.tolist(), velocities, strict=True))
+        walker["moments"], walker["legs"] = moments, velocities
         return root, np.pi
-
-    def _next_velocity(self, dt: float) -> Point:
-        return self._abrupt(dt) if self.acceleration == math.inf else self._ramped(dt)
-
-    def _ramped(self, dt: float) -> Point:
-        """Velocity that leads to where the person is to be; in the first step everything stands still [m/s]."""
-        if dt == 0.0:
-            return STILL
-        (x, y), (vx, vy), begin = self._origin, STILL, 0.0
-        for end, (wx, wy) in (*self._segments, (math.inf, STILL)):
-            seconds = _seconds_after_ramp(self._time - begin, self._ramp)
-            x, y = x + (wx - vx) * seconds, y + (wy - vy) * seconds
-            (vx, vy), begin = (wx, wy), end
-        # from where the step before really led: nothing adds up
-        return (x - self._root[0]) / dt, (y - self._root[1]) / dt
-
-    def _abrupt(self, dt: float) -> Point:
-        for end, velocity in self._segments:
-            if self._time + dt <= end + 1e-9:
-                return self._short_of_stop(velocity, dt)
-        return STILL
-
-    def _short_of_stop(self, velocity: Point, dt: float) -> Point:
-        """Cut the step that would lead beyond the place to stop at: segments end between steps."""
-        if dt > 0.0 and self._root[0] + velocity[0] * dt < self._stop:
-            return (self._stop - self._root[0]) / dt, 0.0
-        return velocity

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields.filter import SafetyFilter
@@ -12,6 +13,8 @@ from jssa_gym.tick.assumed import assume
 from jssa_gym.tick.structs import arms
 from jssa_gym.types import Array
 from jssa_gym.validation import positive_integer
+
+Mask = NDArray[np.bool_]
 
 
 class Batch:
@@ -54,6 +57,7 @@ class Batch:
         self._work = layout.work(robot, *sizes, static_rows=settings.static_rows)
         self._robot, self._settings, self._proposal = robot, settings, filter.proposal
         self._arms: Any = None
+        self._all = np.ones(count, np.bool_)
 
     @property
     def arms(self) -> Any:
@@ -68,15 +72,16 @@ class Batch:
         """Without the pointer, which is none elsewhere."""
         return {**self.__dict__, "_arms": None}
 
-    def start(self) -> None:
-        """Forget the past of every arm: episodes begin with what is shown."""
-        loop.start(self.arms)
+    def start(self, asked: Mask | None = None) -> None:
+        """Forget the past of every arm, or of those ``asked``, shape (E,): episodes begin with what is shown."""
+        loop.start(self.arms, self._all if asked is None else asked)
 
-    def decide(self, nominal: Array) -> layout.Answer:
+    def decide(self, nominal: Array, asked: Mask | None = None) -> layout.Answer:
         """Decide for every arm.
 
         Args:
             nominal: The policies' jerks, shape (E, n) [rad/s³]; need not be finite.
+            asked: Which arms decide, shape (E,); what is remembered of the others, and their answers, stay. None: all.
 
         Raises:
             ParameterError: They have another shape or type.
@@ -84,5 +89,5 @@ class Batch:
         shape = self.answer.jerk.shape
         if not (isinstance(nominal, np.ndarray) and nominal.shape == shape and nominal.dtype == np.float64):
             raise ParameterError(f"nominal has to be a float64 array of shape {shape}")
-        loop.decide_all(self.arms, np.ascontiguousarray(nominal))
+        loop.decide_all(self.arms, np.ascontiguousarray(nominal), self._all if asked is None else asked)
         return self.answer

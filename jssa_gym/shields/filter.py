@@ -20,7 +20,7 @@ from jssa_gym.shields.people import tell_of_unmet_names
 from jssa_gym.shields.reading import Reading, part_of, words_of
 from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.rebasing import rebase
-from jssa_gym.shields.records import Records
+from jssa_gym.shields.records import ONE, Records
 from jssa_gym.shields.tick import Tick
 from jssa_gym.shields.words import Told, in_words, kind_of
 from jssa_gym.tick import codes, layout, loop
@@ -267,7 +267,7 @@ class SafetyFilter:
         self._alarm.well()
         reading.forget()
         reading.read(scene)
-        loop.start(self.records.view.arms)
+        loop.start(self.records.view.arms, ONE)
         self.records.answer.told["margin"] = np.inf
         reading.forget()
 
@@ -313,7 +313,7 @@ class SafetyFilter:
             if self._asks:
                 decision = self._ask(scene, nominal)
             else:
-                loop.decide_all(view.arms, view.nominal)
+                loop.decide_all(view.arms, view.nominal, ONE)
             decided = True
             answer = self._answer(nominal, decision)
             return answer if path is None else self._chosen(path, answer)

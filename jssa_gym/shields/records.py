@@ -10,6 +10,9 @@ from jssa_gym.tick.layout import ArmRecord, StepSettings
 from jssa_gym.tick.structs import arms
 from jssa_gym.types import Array
 
+ONE = np.ones(1, np.bool_)
+"""The single arm is asked."""
+
 
 class View(NamedTuple):
     """One arm's entries of its records; fields as of :mod:`jssa_gym.tick.layout`."""

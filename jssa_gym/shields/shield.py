@@ -10,6 +10,7 @@ from typing import Any, Literal, Self
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import InterfaceError, ParameterError
@@ -31,7 +32,7 @@ from jssa_gym.types import Decision, Scene, Status
 
 _logger = logging.getLogger("jssa_gym")
 
-_CORRECTION = 1e-6
+INTERVENES = 1e-6
 """Correction, in jerk bounds, from which a step counts as an intervention."""
 
 
@@ -124,6 +125,14 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._jerk_bound = np.array(robot.limits.jerk)
         self._n = robot.n
 
+    of_id: bool = False
+    """Whether it comes with the environment's id, so that a spec does not name it again."""
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What makes this environment anew."""
+        return self.env.spec if self.of_id else super().spec
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, then the filter with the scene that it starts in."""
         observation, info = self.env.reset(seed=seed, options=options)
@@ -208,7 +217,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         info["shield/status"] = int(decision.status)
         info["shield/reason"] = decision.reason
         info["shield/reason_code"] = reason_code(decision)
-        info["shield/intervened"] = not correction <= _CORRECTION
+        info["shield/intervened"] = not correction <= INTERVENES
         info["shield/phi"] = float(decision.phi)
         info["shield/correction"] = correction
         info["shield/robot_pair"], info["shield/human_pair"] = decision.pair

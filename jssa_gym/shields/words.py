@@ -1,8 +1,9 @@
 """What a control step answered, in words: the only place where codes become text."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.kernels.people import LOST, NEVER
 from jssa_gym.kernels.verification import HALF_SPACE, REACH, STATIC
@@ -71,6 +72,25 @@ def kind_of(told: Told) -> Kind:
     if told.chosen in (HALFWAY, GRADED):
         return "graded"
     return "nominal" if told.status == codes.NOMINAL else "projected"
+
+
+def reason_codes(told: NDArray[Any], finite: NDArray[np.bool_], guarded: bool) -> NDArray[np.int64]:
+    """:func:`~jssa_gym.shields.reasons.reason_code` of many answers: the number of what :func:`in_words` says of each.
+
+    Args:
+        told: Shape (E,) of :data:`~jssa_gym.tick.layout.ANSWER`.
+        finite: Whether the nominal jerk was, shape (E,).
+        guarded: Whether there is a verified stop.
+    """
+    status, code = told["status"], np.abs(told["code"])
+    no_stop = (code >= codes.LIMITS) & (code <= codes.CROWDED)
+    # "slowed down" stands before what is in the way, unless that begins with a name
+    slowed = (status == codes.FAILSAFE) & (told["chosen"] == GRADED) & (code != codes.REACH) & (code != codes.MEETS)
+    spoken = np.where(slowed | (code // 100 != status), 100 * status, code)
+    fault = np.where(no_stop, codes.UNVERIFIED, code)
+    if guarded:
+        fault = np.where(finite | no_stop, fault, codes.NOT_FINITE_NOMINAL)
+    return np.where(status == codes.NOMINAL, 0, np.where(status == codes.FAULT, fault, spoken))
 
 
 def _obstacle(told: Told, robot: RobotModel, records: Records, reading: Reading) -> str:

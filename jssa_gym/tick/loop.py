@@ -8,15 +8,17 @@ from jssa_gym.tick.joints import forget, replan
 
 
 @jit
-def decide_all(arms, nominal):
-    """:func:`~jssa_gym.tick.decide.decide` for every arm of :func:`~jssa_gym.tick.structs.arms`.
+def decide_all(arms, nominal, asked):
+    """:func:`~jssa_gym.tick.decide.decide` for every arm of :func:`~jssa_gym.tick.structs.arms` that is asked.
 
     Args:
         arms: The arms; their memories and answers change.
         nominal: The policies' jerks, shape (E, n) [rad/s³].
+        asked: Which arms have to decide, shape (E,) of bool.
     """
     for e in range(nominal.shape[0]):
-        decide(arms, nominal[e], e)
+        if asked[e]:
+            decide(arms, nominal[e], e)
 
 
 @jit
@@ -99,7 +101,8 @@ def rebase(arms):
 
 
 @jit
-def start(arms):
-    """Forget the past of every arm that is shown; see :func:`~jssa_gym.tick.decide.start`."""
-    for e in range(arms.answer.jerk.shape[0]):
-        step.start(arms.settings, arms.memory, arms.scene, arms.work, e)
+def start(arms, asked):
+    """Forget the past of every arm that is ``asked``, shape (E,); see :func:`~jssa_gym.tick.decide.start`."""
+    for e in range(asked.shape[0]):
+        if asked[e]:
+            step.start(arms.settings, arms.memory, arms.scene, arms.work, e)

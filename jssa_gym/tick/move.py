@@ -94,12 +94,9 @@ def move(body, people, before, jerk, dt, after, seen):
 
 
 @jit
-def fill_observation(state, seen, goal, scaling, out):
-    """Observation in the order of the feature table: arm, tip, people, goal.
-
-    Each raw value becomes (value - shift) gain, clipped to low and high: the rows of ``scaling``, shape (4, size).
-    """
-    n, tip, near, parts = state.shape[1], seen.tip, seen.near, seen.parts
+def fill_features(state, tip, near, parts, goal, scaling, out):
+    """:func:`fill_observation`, with what is :class:`Seen` one by one."""
+    n = state.shape[1]
     for i in range(out.shape[0]):
         if i < 3 * n:
             raw = state[i // n, i % n]
@@ -113,3 +110,12 @@ def fill_observation(state, seen, goal, scaling, out):
             raw = goal[i - 3 * n - 12 - parts.shape[0]]
         # min and max in float64, so that a bound is met exactly after rounding
         out[i] = min(max((raw - scaling[0, i]) * scaling[1, i], scaling[2, i]), scaling[3, i])
+
+
+@jit
+def fill_observation(state, seen, goal, scaling, out):
+    """Observation in the order of the feature table: arm, tip, people, goal.
+
+    Each raw value becomes (value - shift) gain, clipped to low and high: the rows of ``scaling``, shape (4, size).
+    """
+    fill_features(state, seen.tip, seen.near, seen.parts, goal, scaling, out)

@@ -27,6 +27,7 @@ from jssa_gym.text import show_messages
 from jssa_gym.train.config import INSTALL, TrainConfig
 from jssa_gym.train.environment import makers
 from jssa_gym.train.settings import PPO, TD3, OffPolicy
+from jssa_gym.train.vector import ArmVecEnv
 from jssa_gym.train.wrappers import EXECUTED
 
 _CLIP = 10.0
@@ -51,7 +52,9 @@ class ExecutedBuffer(ReplayBuffer):
 
 
 def make_vec_env(config: TrainConfig) -> VecEnv:
-    """The environments, stepped together; a vector environment of the package's own would take its place here."""
+    """The environments, stepped together."""
+    if config.steps_as_vector:
+        return ArmVecEnv(config)
     functions: list[Callable[[], gym.Env]] = [partial(_monitored, make) for make in makers(config)]
     if config.processes:
         try:

@@ -238,9 +238,9 @@ def test_who_runs_at_the_arm_hits_it_at_full_speed(acceleration):
         people = motion.reset(np.random.default_rng(seed))
         for _ in range(1000):
             people = motion.step(DT, arm())
-            if motion._touches:
+            if motion.record[0]["touches"]:
                 break
-        assert motion._touches
+        assert motion.record[0]["touches"]
         assert np.linalg.norm(people.start_velocity[0]) > 1.6 - acceleration * DT - 1e-9
 
 
@@ -282,7 +282,7 @@ def test_an_arm_is_never_longer_however_its_goal_jumps():
             limb.point(2.0 * way / np.linalg.norm(way) + (0.0, 0.2, 1.3))
         limb.move(DT)
         limb.head(2.0, DT)
-        longest = max(longest, math.dist(limb._hand, limb._shoulder))
+        longest = max(longest, math.dist(limb.record[0]["hand"], limb.record[0]["shoulder"]))
     assert 0.69 < longest <= 0.7 + 1e-6
 
 

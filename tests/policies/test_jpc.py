@@ -46,10 +46,9 @@ class Tour(Home):
 class Visitor(ApproachRetreat):
     """Comes, stays a while and walks away, out of reach."""
 
-    def _begin(self, rng, start):
-        begin = super()._begin(rng, start)
-        end, velocity = self._segments[-1]
-        self._segments[-1] = (end + 6.0, velocity)
+    def _write(self, walker, rng, start):
+        begin = super()._write(walker, rng, start)
+        walker["moments"][-1] += 6.0
         return begin
 
 

@@ -31,6 +31,7 @@ BAD = {
     "seed": (-1, 0.0, 2**32, "0", None, True),
     "envs": (0, 2.0, *ODD),
     "processes": (None, 1, "no"),
+    "vector": (1, "no"),
     "interval": (0, 10.0, *ODD),
     "eval_episodes": (0, 2.0, *ODD),
     "robot": ("ur3", 3, None, ["fr3"]),
@@ -138,10 +139,11 @@ OTHER = {
 
 def test_the_digest_tells_trainings_apart():
     config = TrainConfig()
-    assert set(OTHER) | {"processes"} == {field.name for field in fields(TrainConfig)}
+    assert set(OTHER) | {"processes", "vector"} == {field.name for field in fields(TrainConfig)}
     digests = {config.digest, *(replace(config, **{name: value}).digest for name, value in OTHER.items())}
     assert len(digests) == 1 + len(OTHER)
     assert replace(config, processes=True).digest == config.digest
+    assert {replace(config, vector=vector).digest for vector in (None, False, True)} == {config.digest}
     for kind in ALGORITHMS.values():
         settings = kind()
         mine = {replace(config, settings=settings).digest}

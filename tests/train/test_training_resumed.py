@@ -15,7 +15,7 @@ pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not instal
 
 from trainings import results, tiny
 
-from jssa_gym.exceptions import CheckpointError
+from jssa_gym.exceptions import CheckpointError, ParameterError
 from jssa_gym.train import loop, train
 from jssa_gym.train.history import as_rows
 
@@ -254,3 +254,34 @@ def test_killed_at_twenty_random_moments(tmp_path, capsys):
     assert max(losses) <= 64
     with capsys.disabled():
         print(f"20 kills, all resumed, {unfinished} in a checkpoint, largest loss {max(losses)} of 64 steps")
+
+
+VECTORISED = {
+    "as tuned": {"control": "tip", "ticks": 25},
+    "velocity": {"task": "handover", "control": "velocity", "learn_from": "penalty"},
+    "jerk": {"task": "track", "control": "jerk", "ticks": 3, "observe_intervention": True},
+    "unshielded": {"control": "position", "shield": False, "human": "pursuit"},
+    "one tick": {"control": "velocity", "ticks": 1, "envs": 4, "human": "hand"},
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", VECTORISED)
+def test_a_vector_gives_the_same_bits(tmp_path, kind):
+    config = tiny(**{"steps": 128, "ticks": 50} | VECTORISED[kind])
+    single = train(replace(config, vector=False), tmp_path / "one by one")
+    vector = train(replace(config, vector=True), tmp_path / "together")
+    assert results(tmp_path / "one by one") == results(tmp_path / "together")
+    assert kind not in ("velocity", "unshielded") or single.history[-1].episodes == vector.history[-1].episodes > 0
+
+
+def test_a_vector_is_what_ppo_has_and_others_ask_for():
+    assert tiny().steps_as_vector
+    assert not tiny(processes=True).steps_as_vector
+    assert not tiny(vector=False).steps_as_vector
+    assert not tiny("sac").steps_as_vector
+    assert tiny("sac", vector=True).steps_as_vector
+    with pytest.raises(ParameterError, match="either vector or processes"):
+        tiny(vector=True, processes=True)
+    with pytest.raises(ParameterError, match="executed"):
+        tiny("sac", vector=True, learn_from="executed")

@@ -1,0 +1,119 @@
+"""What a step of many environments at once costs an arm, beside a single environment in the same process.
+
+    python benchmarks/vector_step.py
+
+Processor time an arm: medians over rounds in which the single environment and every vector take turns. Everybody
+walks (``human="random"``), policies wander about home, episodes do not end. Then the memory of an environment, and what
+an arm of a large vector costs beside one of 256. ``--json`` writes all numbers.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+
+SHIELDS = {"environment alone": None, "JSSA with all rows": "jssa", "all layers": {}}
+COUNTS = (1, 64, 256, 4096)
+
+
+def _policy(count: int, n: int):
+    """Jerks that keep arms moving about where they are, one array a step, for ever."""
+    import numpy as np
+
+    rng, k = np.random.default_rng(0), 0
+    drawn = 0.3 * rng.choice([-1.0, 1.0], (count, n))
+    while True:
+        yield drawn * (1.0 if (k // 8) % 2 else -1.0)
+        k += 1
+
+
+def _timed(env, actions, steps: int, count: int) -> float:
+    """Processor time of a step, an arm [µs]."""
+    start = time.process_time()
+    for _ in range(steps):
+        env.step(next(actions))
+    return (time.process_time() - start) / steps / count * 1e6
+
+
+def costs(counts: tuple[int, ...], rounds: int) -> dict:
+    """Medians of processor time an arm and step [µs], by shield and number of arms; "single" is the single one."""
+    import gymnasium as gym
+    import numpy as np
+
+    import jssa_gym
+
+    found: dict = {}
+    for name, shield in SHIELDS.items():
+        single = gym.make("jssa_gym/Reach-v0", terminate_on=(), disable_env_checker=True, max_episode_steps=10**9)
+        if isinstance(shield, str):
+            single = jssa_gym.Shield(single, shield)
+        elif shield is not None:
+            single = jssa_gym.JSSAShield(single)
+        single.reset(seed=0)
+        stepped = {"single": (single, (action[0] for action in _policy(1, 6)), 200, 1)}
+        for count in counts:
+            many = gym.make_vec(
+                "jssa_gym/Reach-v0", count, shield=shield, terminate_on=(), max_episode_steps=10**9
+            )  # fmt: skip
+            many.reset(seed=0)
+            stepped[str(count)] = (many, _policy(count, 6), max(4, 400 // count), count)
+        times: dict = {key: [] for key in stepped}
+        for number in range(rounds + 1):
+            for key, what in stepped.items():
+                took = _timed(*what)
+                if number:  # the first warms up
+                    times[key].append(took)
+        found[name] = {key: float(np.median(values)) for key, values in times.items()}
+    return found
+
+
+def memory(count: int) -> float:
+    """Resident memory that ``count`` shielded environments add, an environment [KiB]; in a process of its own."""
+    import resource
+
+    import gymnasium as gym
+
+    def resident() -> int:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    small = gym.make_vec("jssa_gym:jssa_gym/Reach-v0", 2, shield={})
+    small.reset(seed=0)
+    small.step(next(_policy(2, 6)))
+    before = resident()
+    many = gym.make_vec("jssa_gym/Reach-v0", count, shield={})
+    many.reset(seed=0)
+    for _ in range(3):
+        many.step(next(_policy(count, 6)))
+    return (resident() - before) / count
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--memory", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.memory:
+        print(memory(options.memory))
+        return
+    found = {"cost": costs(COUNTS, options.rounds)}
+    large = costs((256, 16384), 3)
+    found["16384 beside 256"] = {name: times["16384"] / times["256"] for name, times in large.items()}
+    command = [sys.executable, __file__, "--memory", "2048"]
+    found["KiB an environment"] = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    if options.json:
+        print(json.dumps(found, indent=1))
+        return
+    print(f"{'':20}" + "".join(f"{key:>17}" for key in ("single", *COUNTS)))
+    for name, times in found["cost"].items():
+        alone = times["single"]
+        shown = [f"{times[str(key)]:6.1f} ({alone / times[str(key)]:4.1f} x)" for key in COUNTS]
+        print(f"{name:20}{alone:17.1f}" + "".join(f"{text:>17}" for text in shown))
+    for name, ratio in found["16384 beside 256"].items():
+        print(f"{name}: an arm of 16,384 costs {ratio:.2f} times one of 256")
+    print(f"{found['KiB an environment']:.1f} KiB an environment, all layers")
+
+
+if __name__ == "__main__":
+    main()

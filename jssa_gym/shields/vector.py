@@ -1,0 +1,176 @@
+"""A filter between a policy and many environments at once: each is shielded as it would be alone, bit for bit."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.vector import VectorEnv, VectorWrapper
+from numpy.typing import NDArray
+
+from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.shields.batch import Batch
+from jssa_gym.shields.environment import refuse_misfit
+from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.shield import INTERVENES, JSSAShield, Shield
+from jssa_gym.shields.words import Told, in_words, kind_of, reason_codes
+from jssa_gym.tick import codes, layout
+from jssa_gym.tick.moves import replace_actions, take_nominals
+from jssa_gym.types import Array, Kind
+from jssa_gym.vectors import Infos, Mask, as_infos
+
+_NEEDED = (
+    *("prototype", "robot", "dt", "planes", "part_names", "person", "state", "time", "people", "began"),
+    *("ready", "checked"),
+)
+"""What is read of a vector environment."""
+
+
+class VectorShield(VectorWrapper):
+    """Runs the actions of many environments through safety filters, one for each, in one compiled call.
+
+    What environment ``e`` gives is what ``Shield(env, filter)`` around a single one gives, bit for bit. ``infos`` has
+    the same keys but for the words, ``shield/reason`` and ``shield/kind``: :meth:`reasons` and :meth:`kinds` say them
+    of the last step; ``shield/reason_code`` is there.
+
+    Args:
+        env: A :class:`~jssa_gym.envs.vector.VectorArmEnv`.
+        filter: A name as :func:`~jssa_gym.shields.read_name` reads it; options of
+            :class:`~jssa_gym.shields.JSSAShield`; or a filter built for the same robot and time step.
+
+    Raises:
+        ParameterError: A name or an option is unknown, or the filter proposes in Python, one arm at a time.
+        InterfaceError: The environment is no such vector, or filter and environment differ.
+    """
+
+    def __init__(self, env: VectorEnv, filter: SafetyFilter | str | Mapping[str, Any]) -> None:
+        super().__init__(env)
+        if missing := [name for name in _NEEDED if not hasattr(env, name)]:
+            raise InterfaceError(f"{env} has no {', '.join(missing)}: a vector shield goes around a VectorArmEnv")
+        self._arms: Any = env
+        one = self._arms.prototype
+        if isinstance(filter, str):
+            filter = Shield(one, filter).filter
+        elif isinstance(filter, Mapping):
+            filter = JSSAShield(one, **filter).filter
+        if not isinstance(filter, SafetyFilter):
+            raise ParameterError(f"a filter is a name, options of JSSAShield or a SafetyFilter, got {filter!r}")
+        robot = refuse_misfit(one, filter)
+        if not filter.compiled:
+            raise ParameterError(
+                f"{type(filter).__name__} proposes in Python, one arm at a time: take a filter by its name, with the "
+                "exact projector, or vectorization_mode='sync' and a Shield around each environment"
+            )
+        self.filter = filter
+        """How every arm is looked after; it decides nothing itself."""
+        settings, planes = filter.settings(), self._arms.planes
+        fixed = settings.guarded or settings.static_rows
+        self._guarded = settings.guarded
+        count, names = env.num_envs, self._arms.part_names
+        self._batch = Batch(filter, count, names, planes=len(planes.offset) if fixed else 0)
+        scene = self._batch.scene
+        scene.valid[:], scene.person[:] = True, self._arms.person
+        if fixed:
+            scene.normal[:], scene.offset[:] = planes.normal, planes.offset
+        self._jerk_bound = np.array(robot.limits.jerk)
+        self._nominal = np.zeros((count, robot.n))
+        self._words = _Names(names, planes.names if fixed else ())
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, Infos]:
+        """Reset environments, then the filters of those with the scene that they start in."""
+        observations, infos = self.env.reset(seed=seed, options=options)  # ty: ignore[invalid-argument-type]  # or a list
+        began = self._arms.began
+        return observations, infos | as_infos(self._begin(began), began)
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, Infos]:
+        """Filter actions, shape (E, n), and step the environments.
+
+        Raises:
+            InvalidActionError: Wrong shape or type, before anything moved.
+            gymnasium.error.ResetNeeded: There was no ``reset`` yet, or of one that is over.
+        """
+        live, fraction = self._arms.ready(), self._arms.checked(actions)
+        take_nominals(fraction, self._jerk_bound, self._nominal)
+        self._show()
+        answer = self._batch.decide(self._nominal, live)
+        correction = np.zeros(self.num_envs)
+        replaced = live & (answer.told["status"] != codes.NOMINAL)
+        replace_actions(answer.jerk, self._jerk_bound, replaced, fraction, correction)
+        values = self._told(correction)
+        observations, rewards, terminated, truncated, infos = self.env.step(fraction)
+        began = self._arms.began
+        if began.any():
+            if "final_info" in infos:
+                infos["final_info"] |= as_infos({key: value.copy() for key, value in values.items()}, began)
+            for key, value in self._begin(began).items():
+                values[key][began] = value[began]
+        return observations, rewards, terminated, truncated, infos | as_infos(values, np.ones_like(began))
+
+    def reasons(self) -> list[str]:
+        """Why each jerk of the last step, or at the beginning of an episode, is not the nominal: ``shield/reason``."""
+        batch, told = self._batch, self._batch.answer.told.tolist()
+        return [
+            in_words(Told(*one), self._nominal[e], self.filter.robot, _Records.of(batch, self.filter, e), self._words)  # ty: ignore[invalid-argument-type]
+            for e, one in enumerate(told)
+        ]  # fmt: skip
+
+    def kinds(self) -> list[Kind]:
+        """What kind of jerk is applied to each: ``shield/kind``."""
+        return [kind_of(Told(*one)) for one in self._batch.answer.told.tolist()]
+
+    def _show(self) -> None:
+        """Let filters see the present."""
+        arms, scene = self._arms, self._batch.scene
+        scene.now["time"], scene.joints[:] = arms.time, arms.state
+        scene.ends[:], scene.radius[:] = arms.people
+
+    def _begin(self, which: Mask) -> dict[str, NDArray[Any]]:
+        """Begin episodes of those arms; what is said of them."""
+        self._show()
+        self._batch.start(which)
+        self._nominal[which] = 0.0
+        self._batch.decide(self._nominal, which)
+        values = self._told(np.zeros(self.num_envs))
+        self._batch.start(which)
+        return values
+
+    def _told(self, correction: Array) -> dict[str, NDArray[Any]]:
+        """What ``info`` says of decisions; ``correction``, shape (E,), is what they changed of actions."""
+        told = self._batch.answer.told
+        finite: Mask = np.all(np.isfinite(self._nominal), axis=1)
+        return {
+            "shield/status": told["status"].copy(),
+            "shield/reason_code": reason_codes(told, finite, self._guarded),
+            "shield/intervened": ~(correction <= INTERVENES),
+            "shield/phi": told["phi"].copy(),
+            "shield/correction": correction,
+            "shield/robot_pair": told["row"].copy(),
+            "shield/human_pair": told["column"].copy(),
+            "shield/slack": told["slack"].copy(),
+            "shield/margin": told["margin"].copy(),
+            "shield/choice": told["choice"].copy(),
+            "shield/override": np.ones(self.num_envs),
+        }
+
+
+class _Names(NamedTuple):
+    """What a :class:`~jssa_gym.shields.reading.Reading` knows by name."""
+
+    names: tuple[str, ...]
+    planes: tuple[str, ...]
+    statics: tuple[str, ...] = ()
+    wrong: Mapping[str, str] = {"joints": "", "clock": "", "people": "", "fixtures": ""}  # never changed
+
+
+class _Records(NamedTuple):
+    """One arm's part of a batch, as :class:`~jssa_gym.shields.records.Records` has it."""
+
+    memory: layout.Memory
+    scene: layout.SceneRecord
+    settings: layout.StepSettings
+
+    @classmethod
+    def of(cls, batch: Batch, filter: SafetyFilter, e: int) -> "_Records":
+        parts: Any = [[part[e : e + 1] for part in all] for all in (batch.memory, batch.scene)]
+        return cls(layout.Memory(*parts[0]), layout.SceneRecord(*parts[1]), filter.settings())

@@ -1,0 +1,38 @@
+"""Infos of many environments, as Gymnasium's vectors have them: arrays, and masks of who says something."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Infos = dict[str, Any]
+
+Mask = NDArray[np.bool_]
+"""Which of E environments, shape (E,)."""
+
+
+def as_infos(values: Mapping[str, NDArray[Any]], who: Mask) -> Infos:
+    """Arrays of shape (E, ...) with a mask beside each of them.
+
+    What those who do not take part have is 0, as in Gymnasium's own vectors.
+    """
+    infos: Infos = {}
+    for key, value in values.items():
+        if not who.all():
+            value = np.where(who.reshape(-1, *(1,) * (value.ndim - 1)), value, np.zeros((), value.dtype))
+        infos[key], infos[f"_{key}"] = value, who.copy()
+    return infos
+
+
+def stacked(values: Mapping[str, Any], count: int) -> dict[str, NDArray[Any]]:
+    """Empty arrays of shape (count, ...) for what a single environment says."""
+    arrays: dict[str, NDArray[Any]] = {}
+    for key, value in values.items():
+        if isinstance(value, np.ndarray):
+            arrays[key] = np.zeros((count, *value.shape), value.dtype)
+        elif isinstance(value, bool | int | float):
+            arrays[key] = np.zeros(count, type(value))
+        else:
+            arrays[key] = np.full(count, None, object)
+    return arrays
