@@ -1,8 +1,10 @@
 """The compiled control step: thousands of arms in one call decide as each of them would alone."""
 
 import ast
+import gc
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -176,6 +178,19 @@ def test_a_batch_takes_whatever_has_a_name_and_refuses_who_proposes_in_python(na
     own = type("Own", (type(chosen),), {"respond": lambda *_: None})
     with pytest.raises(ParameterError, match="Own proposes in Python"):
         Batch(own(robot, DT), 3, ("head",))
+
+
+@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="without compilation there are no pointers")
+def test_a_pointer_keeps_alive_what_compiled_code_counts_no_references_to(robot):
+    batch = Batch(NoFilter(robot, DT), 3, ("head",))
+    pointer = batch.arms
+    held = [weakref.ref(part) for part in (batch.memory.state, batch.scene.ends, batch.answer.jerk)]
+    del batch
+    gc.collect()
+    assert all(part() is not None for part in held)
+    del pointer
+    gc.collect()
+    assert all(part() is None for part in held)
 
 
 def test_a_batch_refuses_a_projector_and_a_filter_that_are_not_compiled(robot):
