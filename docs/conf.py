@@ -67,16 +67,19 @@ html_theme_options = {"source_directory": "docs/", "navigation_with_keys": True}
 def mathml(formula: str, *, as_block: bool) -> str:
     """A formula as MathML, which browsers draw by themselves.
 
-    docutils puts an index under a letter that has an accent; here it goes behind both.
+    docutils puts an index under a letter that has an accent, where it belongs behind both; and what it calls an accent
+    is drawn into tall letters.
     """
     math = ElementTree.fromstring(tex2mathml(formula, as_block=as_block))
     for stack in math.iter(f"{_MATHML}munderover"):
         base, index, accent = stack
         if accent.tag == f"{_MATHML}mo":
-            accented = ElementTree.Element(f"{_MATHML}mover", accent="true")
+            accented = ElementTree.Element(f"{_MATHML}mover")
             accented.extend([base, accent])
             stack.tag = f"{_MATHML}msub"
             stack[:] = [accented, index]
+    for over in math.iter(f"{_MATHML}mover"):
+        over.attrib.pop("accent", None)
     return ElementTree.tostring(math, encoding="unicode")
 
 
