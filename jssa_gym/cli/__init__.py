@@ -1,11 +1,11 @@
 """The command line ``jssa-gym``."""
 
-import functools
 import sys
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Protocol
 
 import tyro
+from tyro.extras import subcommand_cli_from_dict
 
 from jssa_gym.cli import terminal
 from jssa_gym.cli.arguments import given_once, parsed
@@ -21,22 +21,30 @@ from jssa_gym.cli.robot import RobotCommand
 from jssa_gym.cli.stress import Stress
 from jssa_gym.cli.train import Train
 from jssa_gym.evaluation.ledger import package_version
-from jssa_gym.exceptions import JSSAGymError
+from jssa_gym.exceptions import JSSAGymError, ParameterError
 
-Command = Annotated[
-    Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
-    | Annotated[Certify, tyro.conf.subcommand("certify")]
-    | Annotated[Stress, tyro.conf.subcommand("stress")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Compare, tyro.conf.subcommand("compare")]
-    | Annotated[Train, tyro.conf.subcommand("train")]
-    | Annotated[RecordingCommand, tyro.conf.subcommand("recording")]
-    | Annotated[Replay, tyro.conf.subcommand("replay")]
-    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
-    | Annotated[RobotCommand, tyro.conf.subcommand("robot")],
-    tyro.conf.arg(name=""),
-]
+
+class Command(Protocol):
+    """What the arguments of a command are parsed into."""
+
+    def run(self) -> None:
+        """Do it."""
+
+
+COMMANDS: dict[str, type[Command]] = {
+    "demo": Demo,
+    "bench": Bench,
+    "certify": Certify,
+    "stress": Stress,
+    "evaluate": Evaluate,
+    "compare": Compare,
+    "train": Train,
+    "recording": RecordingCommand,
+    "replay": Replay,
+    "reproduce": Reproduce,
+    "robot": RobotCommand,
+}
+"""Commands by name."""
 
 
 def main() -> None:
@@ -55,7 +63,8 @@ def main() -> None:
             terminal.abandon_output()
             raise SystemExit(1) from None
         except (JSSAGymError, OSError) as error:
-            terminal.complain(error)
+            asked = isinstance(error, ParameterError) and arguments[:1] and arguments[0] in COMMANDS
+            terminal.complain(f"{error}; see jssa-gym {arguments[0]} --help" if asked else error)
             terminal.abandon_output()
             raise SystemExit(2) from error
         except KeyboardInterrupt:  # of commands that do not know better what they leave behind
@@ -66,7 +75,12 @@ def main() -> None:
 
 def _parse(arguments: Sequence[str]) -> Command:
     given_once(arguments)
-    parse = functools.partial(
-        tyro.cli, Command, prog="jssa-gym", description="A robot arm beside people, and shields around it."
+    if arguments and arguments[0] in COMMANDS:  # by its own parser, whose errors name its own help
+        name, *rest = arguments
+        return parsed(lambda words: tyro.cli(COMMANDS[name], prog=f"jssa-gym {name}", args=words), rest)
+    return parsed(
+        lambda words: subcommand_cli_from_dict(
+            COMMANDS, prog="jssa-gym", description="A robot arm beside people, and shields around it.", args=words
+        ),
+        arguments,
     )
-    return parsed(lambda words: parse(args=words), arguments)

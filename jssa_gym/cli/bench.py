@@ -11,7 +11,7 @@ from rich.table import Table
 from jssa_gym.cli import stopwatch
 from jssa_gym.cli.demo import paper_scene
 from jssa_gym.cli.names import ROBOT
-from jssa_gym.cli.progress import transient
+from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.stopwatch import Timing
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.blocked import warning
@@ -38,7 +38,7 @@ class Bench:
             raise ParameterError(f"rounds has to be at least 1, got {self.rounds}")
         timings: list[Timing] = []
         first: tuple[float, float] | None = None
-        with transient(Terminal(stderr=True)) as progress:
+        with Bar(Terminal(stderr=True)) as progress:
             task = progress.add_task("recording an episode", total=7)
 
             def done(next_task: str) -> None:

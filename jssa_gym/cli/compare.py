@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
+from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
 from jssa_gym.cli.terminal import Terminal
@@ -57,10 +58,10 @@ class Compare:
         """Play, write the page, print."""
         find_policies_here(self.policies)
         study = Study(
-            tuple(dict.fromkeys(self.tasks)),
-            tuple(dict.fromkeys(self.filters)),
-            tuple(dict.fromkeys(self.humans)),
-            tuple(dict.fromkeys(self.policies)),
+            distinct("tasks", self.tasks),
+            distinct("filters", self.filters),
+            distinct("humans", self.humans),
+            distinct("policies", self.policies),
             episodes=self.episodes,
             seed=self.seed,
             steps=ticks(self.seconds),

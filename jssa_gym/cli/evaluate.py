@@ -11,11 +11,12 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
-from jssa_gym.cli.files import write_json
+from jssa_gym.cli.files import own_folder, write_json
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT, MOVING
+from jssa_gym.evaluation.ledger import CONFIG
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
@@ -50,6 +51,7 @@ def find_policies_here(policies: Iterable[str]) -> None:
 
 def play(study: Study, out: Path, jobs: int, keep: int) -> list[Report]:
     """Play what is left of a study under a progress bar; an interrupt says how to go on."""
+    own_folder(out, CONFIG)
     with episodes_bar(Terminal(stderr=True), out) as show:
         return complete(study, out, jobs=jobs, keep=keep, progress=show)
 

@@ -11,8 +11,9 @@ from typing import Annotated, Any, Literal
 from rich.table import Table
 
 from jssa_gym import plots
+from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.evaluate import ticks
-from jssa_gym.cli.files import write_figure
+from jssa_gym.cli.files import own_folder, write_figure
 from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, WRONG
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
@@ -20,7 +21,7 @@ from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.contenders import contender
-from jssa_gym.evaluation.ledger import Ledger
+from jssa_gym.evaluation.ledger import CONFIG, Ledger
 from jssa_gym.evaluation.report import Tally, tally
 from jssa_gym.evaluation.rows import StressRow
 from jssa_gym.evaluation.runner import finish
@@ -79,6 +80,7 @@ class Stress:
         preset = "degradation" if self.degradation else self.preset
         if preset == "degradation":
             plots.require()
+        own_folder(self.out, CONFIG)
         ledger = Ledger(self.out, self._campaign(preset, steps))
         console = Terminal(stderr=True)
         self._play(ledger, jobs, console)
@@ -109,6 +111,8 @@ class Stress:
             for name in ("filters", "humans", "policies", "faults", "episodes")
             if (value := getattr(self, name)) not in ((), None)
         }
+        for name in ("filters", "humans", "policies", "faults"):
+            distinct(name, getattr(self, name))
         grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
         return Campaign(grids, self.task, steps, self.seed, self.judge, self.robot)
 
