@@ -1,7 +1,7 @@
 """The command line ``jssa-gym``."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import tyro
@@ -31,7 +31,7 @@ class Command(Protocol):
         """Do it."""
 
 
-COMMANDS: dict[str, type[Command]] = {
+COMMANDS: dict[str, Callable[..., Command]] = {
     "demo": Demo,
     "bench": Bench,
     "certify": Certify,
@@ -45,6 +45,9 @@ COMMANDS: dict[str, type[Command]] = {
     "robot": RobotCommand,
 }
 """Commands by name."""
+
+
+_ABOUT = "A robot arm beside people, and shields around it. Whatever is played first compiles for up to a minute, once."
 
 
 def main() -> None:
@@ -79,8 +82,6 @@ def _parse(arguments: Sequence[str]) -> Command:
         name, *rest = arguments
         return parsed(lambda words: tyro.cli(COMMANDS[name], prog=f"jssa-gym {name}", args=words), rest)
     return parsed(
-        lambda words: subcommand_cli_from_dict(
-            COMMANDS, prog="jssa-gym", description="A robot arm beside people, and shields around it.", args=words
-        ),
+        lambda words: subcommand_cli_from_dict(COMMANDS, prog="jssa-gym", description=_ABOUT, args=words),
         arguments,
     )

@@ -22,7 +22,10 @@ from jssa_gym.shields import JSSAShield
 
 @dataclass(frozen=True)
 class Bench:
-    """Time decisions, steps, projections and distances; medians and p99 from this one run."""
+    """Time decisions, steps, projections and distances; medians and p99 from this one run.
+
+    It takes about 20 s of one core, and up to two minutes more for compiling anew, which --no-compile leaves out.
+    """
 
     rounds: int = 10
     """How often every scene of the recorded episode is timed."""

@@ -26,7 +26,8 @@ class Compare:
     """Every combination of tasks, filters, people and policies on paired seeds, as one HTML page.
 
     Differences are relative to the first filter. A comparison that was interrupted goes on where it stopped when the
-    same command is given again. The exit code is 1 if every decision of some combination was a FAULT.
+    same command is given again. The exit code is 1 if every decision of some combination was a FAULT. With the
+    defaults, 200 episodes, it takes about a minute of one core.
     """
 
     tasks: Annotated[tuple[str, ...], TASK] = ("reach",)

@@ -43,7 +43,10 @@ _TRIED = 50
 
 @dataclass(frozen=True)
 class Demo:
-    """A person walks up to the arm, stops and leaves; without a shield, with the paper's, with two of ours."""
+    """A person walks up to the arm, stops and leaves; without a shield, with the paper's, with two of ours.
+
+    It takes about 20 s of one core, most of them for the film.
+    """
 
     out: Path = Path("demo")
     """Folder for figure, film and metrics."""

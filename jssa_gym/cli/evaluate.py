@@ -80,7 +80,7 @@ class Evaluate:
 
     An evaluation that was interrupted goes on where it stopped when the same command is given again. The folder gets
     episodes.csv, summary.json and recordings of the worst episodes for `jssa-gym replay`. The exit code is 1 if every
-    decision of the filter was a FAULT.
+    decision of the filter was a FAULT. 100 episodes take about half a minute of one core.
     """
 
     task: Annotated[str, TASK] = "reach"

@@ -1,9 +1,9 @@
 """Progress on the terminal, and in what is not one."""
 
-import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from rich.progress import (
@@ -34,7 +34,7 @@ class Bar(Progress):
     def __init__(self, console: Terminal, *columns: Any) -> None:
         super().__init__(*columns, console=console, transient=True, disable=not console.is_interactive)
         self._say = console.say
-        self._told = time.monotonic()
+        self._told = monotonic()
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
         """Change what is shown of a task."""
@@ -47,9 +47,9 @@ class Bar(Progress):
         self._tell(task_id)
 
     def _tell(self, task_id: TaskID) -> None:
-        if not self.disable or time.monotonic() < self._told + PERIOD:
+        if not self.disable or (now := monotonic()) < self._told + PERIOD:
             return
-        self._told = time.monotonic()
+        self._told = now
         task = self._tasks[task_id]
         of = "" if task.total is None else f" of {task.total:,.0f}"
         left = task.time_remaining

@@ -31,7 +31,8 @@ from jssa_gym.types import Trace
 class Replay:
     """Draw a recorded episode; with --verify have MuJoCo judge it, with --again play it anew and compare.
 
-    The exit code is 1 if MuJoCo finds something else than the recording says, or the new episode differs in a bit.
+    The exit code is 1 if MuJoCo finds something else than the recording says, or the new episode differs in a bit. It
+    takes some seconds, most of them for the film.
     """
 
     episode: Annotated[Path, tyro.conf.Positional]

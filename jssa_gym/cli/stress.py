@@ -37,7 +37,9 @@ class Stress:
     """Try to break shields: every combination of filters, people, policies and faults, with paired seeds.
 
     A campaign that was interrupted goes on where it stopped when the same command is given again. The exit code is 1
-    if a shield broke its promise within the assumptions, MuJoCo disagreed, or every decision of all was a FAULT.
+    if a shield broke its promise within the assumptions, MuJoCo disagreed, or every decision of all was a FAULT. The
+    preset quick takes some seconds of one core; of the others the progress tells how many episodes are to be played,
+    about three a second.
     """
 
     preset: Literal["quick", "claim", "power", "joints", "avoid", "degradation"] = "quick"
