@@ -57,7 +57,7 @@ def files_of_the_pages(request, tmp_path, monkeypatch):
     else:
         for ending in ("xml", "limits.toml"):
             shutil.copy(ROOT / "jssa_gym" / "robots" / "assets" / f"ur5e.{ending}", folder / f"arm.{ending}")
-        motion = gait.walk(frames=420)
+        motion = gait.walk(frames=420, speed=0.05)
         (folder / "walk.bvh").write_text(gait.bvh_text(*motion, unit=0.0254, up="z"))
     monkeypatch.chdir(folder)
 
