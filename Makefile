@@ -1,7 +1,7 @@
 # What a contributor does most, with what the README's second command has installed in .venv; nothing needs a network.
 PYTHON ?= .venv/bin/python
 
-.PHONY: fast test lint format docs
+.PHONY: fast test lint format docs site
 
 fast: ## all tests but the long ones: within two minutes on two cores
 	$(PYTHON) -m pytest -q -n auto -m "not slow and not long"
@@ -18,5 +18,8 @@ format: ## as lint wants it, as far as a machine can
 	$(PYTHON) -m ruff check --fix .
 	$(PYTHON) -m ruff format .
 
-docs: ## the tables of docs/metrics.md anew from the code
-	$(PYTHON) docs/make_metrics.py
+docs: ## the tables of docs/metrics.md and docs/spaces.md anew from the code
+	$(PYTHON) docs/make_tables.py
+
+site: ## the documentation as a site, in docs/_build/html; any warning ends it
+	$(PYTHON) -m sphinx -q -E -W --keep-going -b html docs docs/_build/html

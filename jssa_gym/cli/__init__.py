@@ -1,11 +1,11 @@
 """The command line ``jssa-gym``."""
 
-import functools
 import sys
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import tyro
+from tyro.extras import subcommand_cli_from_dict
 
 from jssa_gym.cli import terminal
 from jssa_gym.cli.arguments import given_once, parsed
@@ -23,24 +23,35 @@ from jssa_gym.cli.stress import Stress
 from jssa_gym.cli.train import Train
 from jssa_gym.cli.view import ViewCommand
 from jssa_gym.evaluation.ledger import package_version
-from jssa_gym.exceptions import JSSAGymError
+from jssa_gym.exceptions import JSSAGymError, ParameterError
 
-Command = Annotated[
-    Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[ViewCommand, tyro.conf.subcommand("view")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
-    | Annotated[Certify, tyro.conf.subcommand("certify")]
-    | Annotated[Stress, tyro.conf.subcommand("stress")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Compare, tyro.conf.subcommand("compare")]
-    | Annotated[Train, tyro.conf.subcommand("train")]
-    | Annotated[RecordingCommand, tyro.conf.subcommand("recording")]
-    | Annotated[Replay, tyro.conf.subcommand("replay")]
-    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
-    | Annotated[RobotCommand, tyro.conf.subcommand("robot")]
-    | Annotated[AuditLog, tyro.conf.subcommand("audit")],
-    tyro.conf.arg(name=""),
-]
+
+class Command(Protocol):
+    """What the arguments of a command are parsed into."""
+
+    def run(self) -> None:
+        """Do it."""
+
+
+COMMANDS: dict[str, Callable[..., Command]] = {
+    "demo": Demo,
+    "view": ViewCommand,
+    "bench": Bench,
+    "certify": Certify,
+    "stress": Stress,
+    "evaluate": Evaluate,
+    "compare": Compare,
+    "train": Train,
+    "recording": RecordingCommand,
+    "replay": Replay,
+    "reproduce": Reproduce,
+    "robot": RobotCommand,
+    "audit": AuditLog,
+}
+"""Commands by name."""
+
+
+_ABOUT = "A robot arm beside people, and shields around it. Whatever is played first compiles for up to a minute, once."
 
 
 def main() -> None:
@@ -59,7 +70,9 @@ def main() -> None:
             terminal.abandon_output()
             raise SystemExit(1) from None
         except (JSSAGymError, OSError) as error:
-            terminal.complain(error)
+            wrong = isinstance(error, ParameterError) and not isinstance(error.__cause__, OSError)
+            asked = wrong and arguments[:1] and arguments[0] in COMMANDS
+            terminal.complain(f"{error}; see jssa-gym {arguments[0]} --help" if asked else error)
             terminal.abandon_output()
             raise SystemExit(2) from error
         except KeyboardInterrupt:  # of commands that do not know better what they leave behind
@@ -70,7 +83,10 @@ def main() -> None:
 
 def _parse(arguments: Sequence[str]) -> Command:
     given_once(arguments)
-    parse = functools.partial(
-        tyro.cli, Command, prog="jssa-gym", description="A robot arm beside people, and shields around it."
+    if arguments and arguments[0] in COMMANDS:  # by its own parser, whose errors name its own help
+        name, *rest = arguments
+        return parsed(lambda words: tyro.cli(COMMANDS[name], prog=f"jssa-gym {name}", args=words), rest)
+    return parsed(
+        lambda words: subcommand_cli_from_dict(COMMANDS, prog="jssa-gym", description=_ABOUT, args=words),
+        arguments,
     )
-    return parsed(lambda words: parse(args=words), arguments)

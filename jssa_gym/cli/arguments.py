@@ -30,6 +30,18 @@ def given_once(arguments: Sequence[str]) -> None:
         seen.add(name)
 
 
+def distinct(name: str, values: Sequence[str]) -> tuple[str, ...]:
+    """The values of an option that takes several, each of them once.
+
+    Raises:
+        ParameterError: One is there twice: it would be played once, and nobody would know.
+    """
+    for value in values:
+        if values.count(value) > 1:
+            raise ParameterError(f"--{name} has {value!r} twice; give each once")
+    return tuple(values)
+
+
 def parsed(parse: Callable[[Sequence[str]], Result], arguments: Sequence[str]) -> Result:
     """What a parser makes of arguments; if it refuses them it says so, and repeats them, on the standard error.
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from jssa_gym.cli import stopwatch
 from jssa_gym.cli.demo import paper_scene
 from jssa_gym.cli.names import ROBOT
-from jssa_gym.cli.progress import transient
+from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.stopwatch import Timing
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.blocked import warning
@@ -22,7 +22,10 @@ from jssa_gym.shields import JSSAShield
 
 @dataclass(frozen=True)
 class Bench:
-    """Time decisions, steps, projections and distances; medians and p99 from this one run."""
+    """Time decisions, steps, projections and distances; medians and p99 from this one run.
+
+    It takes about 20 s of one core, and up to two minutes more for compiling anew, which --no-compile leaves out.
+    """
 
     rounds: int = 10
     """How often every scene of the recorded episode is timed."""
@@ -38,7 +41,7 @@ class Bench:
             raise ParameterError(f"rounds has to be at least 1, got {self.rounds}")
         timings: list[Timing] = []
         first: tuple[float, float] | None = None
-        with transient(Terminal(stderr=True)) as progress:
+        with Bar(Terminal(stderr=True)) as progress:
             task = progress.add_task("recording an episode", total=7)
 
             def done(next_task: str) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
+from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
@@ -27,7 +28,8 @@ class Compare:
     """Every combination of tasks, filters, people and policies on paired seeds, as one HTML page.
 
     Differences are relative to the first filter. A comparison that was interrupted goes on where it stopped when the
-    same command is given again. The exit code is 1 if every decision of some combination was a FAULT.
+    same command is given again. The exit code is 1 if every decision of some combination was a FAULT. With the
+    defaults, 200 episodes, it takes about a minute of one core.
     """
 
     tasks: Annotated[tuple[str, ...], TASK] = ("reach",)
@@ -61,10 +63,10 @@ class Compare:
         """Play, write the page, print."""
         find_policies_here(self.policies)
         study = Study(
-            tuple(dict.fromkeys(self.tasks)),
-            tuple(dict.fromkeys(self.filters)),
-            tuple(dict.fromkeys(self.humans)),
-            tuple(dict.fromkeys(self.policies)),
+            distinct("tasks", self.tasks),
+            distinct("filters", self.filters),
+            distinct("humans", self.humans),
+            distinct("policies", self.policies),
             episodes=self.episodes,
             seed=self.seed,
             steps=ticks(self.seconds),

@@ -16,7 +16,7 @@ from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.film import EVERY, film, pictures, require_film
 from jssa_gym.cli.names import ROBOT
-from jssa_gym.cli.progress import transient
+from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
 from jssa_gym.envs.tasks import TASKS
@@ -37,9 +37,16 @@ _SHIELDS: dict[str, Callable[[gym.Env], gym.Env]] = {
 }
 
 
+_TRIED = 50
+"""Seeds that are played without a shield to find one that shows something."""
+
+
 @dataclass(frozen=True)
 class Demo:
-    """A person walks up to the arm, stops and leaves; without a shield, with the paper's, with two of ours."""
+    """A person walks up to the arm, stops and leaves; without a shield, with the paper's, with two of ours.
+
+    It takes about 20 s of one core, most of them for the film.
+    """
 
     out: Path = Path("demo")
     """Folder for figure, film and metrics."""
@@ -48,8 +55,9 @@ class Demo:
     robot: Annotated[str, ROBOT] = DEFAULT
     policy: str | None = None
     """A trained policy, by name or file, on its own task beside that task's person, instead of the paper's scene."""
-    seed: int = 0
-    """Of a policy's episode."""
+    seed: int | None = None
+    """Of a policy's episode; None: the first of 50 in which somebody touches the arm if nothing is between, or in which
+    somebody comes nearest."""
     seconds: float = 8.0
     """Length of an episode."""
     video: bool = True
@@ -66,20 +74,21 @@ class Demo:
         if not 0.1 <= self.seconds <= 60.0:
             raise ParameterError(f"seconds has to be between 0.1 and 60, got {self.seconds}")
         require_film() if self.video else plots.require()
-        make, drive = self._scene(round(self.seconds / DT))
-        writable_folder(self.out)
-        console = Terminal(stderr=True)
         steps = round(self.seconds / DT)
+        make, drive = self._scene(steps)
+        writable_folder(self.out, "metrics.json")
+        console = Terminal(stderr=True)
         traces, summaries = [], []
         robot, d_min = None, 0.05
-        with transient(console) as progress:
+        seed = self._seed(make, drive, steps)
+        with Bar(console) as progress:
             task = progress.add_task("simulating", total=len(_SHIELDS))
             for name, wrap in _SHIELDS.items():
                 env = wrap(make())
                 base: Any = env.unwrapped
                 robot, d_min = base.robot, base.d_min
-                rollout(env, drive(env), seed=self.seed, steps=5)  # compiles: not to be timed
-                trace = rollout(env, drive(env), seed=self.seed, steps=steps, name=name)
+                rollout(env, drive(env), seed=seed, steps=5)  # compiles: not to be timed
+                trace = rollout(env, drive(env), seed=seed, steps=steps, name=name)
                 traces.append(trace)
                 summaries.append(summarise(trace, robot.limits))
                 env.close()
@@ -97,7 +106,7 @@ class Demo:
         if self.json:
             print(json.dumps([_plain(summary) for summary in summaries], indent=2))
         else:
-            Terminal().print(_table(summaries))
+            Terminal(width=100).print(_table(summaries, f", seed {seed}" if self.policy else ""))
         console.say(f"wrote {', '.join(str(self.out / name) for name in written)}")
         reasons = {trace.name: reason for trace in traces if (reason := blocked(trace))}
         for name, reason in reasons.items():
@@ -109,14 +118,29 @@ class Demo:
         """What makes the environment, and what drives the arm in it."""
         free: dict[str, Any] = {"terminate_on": (), "max_episode_steps": steps, "robot": self.robot}
         speed = positive_number("speed", self.speed)
-        whole_number("seed", self.seed)
+        if self.seed is not None:
+            whole_number("seed", self.seed)
         if self.policy is None:
             return partial(gym.make, "jssa_gym/Home-v0", human=paper_scene(speed), **free), HoldPolicy
         learned = load_policy(self.policy)
         if not isinstance(learned, LearnedPolicy) or learned.task not in TASKS:
             raise ParameterError(f"{self.policy} does not say which of {', '.join(TASKS)} it was trained for")
         make = partial(gym.make, "jssa_gym/Home-v0", task=learned.task, **free)
-        return make, lambda env: make_policy(learned, env, self.seed)
+        return make, lambda env: make_policy(learned, env, 0)  # it draws nothing
+
+    def _seed(self, make: Callable[[], gym.Env], drive: Callable[[gym.Env], Policy], steps: int) -> int:
+        """Of the episode: the one that was asked for, or one that shows what a shield is for."""
+        if self.seed is not None or self.policy is None:
+            return self.seed or 0
+        env, nearest, found = make(), np.inf, 0
+        for seed in range(_TRIED):
+            distance = rollout(env, drive(env), seed=seed, steps=steps).distance.min()
+            if distance < nearest:
+                nearest, found = distance, seed
+            if nearest < 0.0:
+                break
+        env.close()
+        return found
 
 
 def paper_scene(speed: float) -> HumanMotion:
@@ -141,8 +165,14 @@ def _plain(summary: Summary) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()}
 
 
-def _table(summaries: list[Summary]) -> Table:
-    table = Table(title="the same person under every shield")
+def _table(summaries: list[Summary], told: str) -> Table:
+    """The episodes side by side.
+
+    Args:
+        summaries: One a shield.
+        told: What the title says besides, of a policy's episode; empty for the paper's scene, which has no goal.
+    """
+    table = Table(title=f"the same person under every shield{told}")
     table.add_column("")
     for summary in summaries:
         table.add_column(summary.name, justify="right")
@@ -158,6 +188,9 @@ def _table(summaries: list[Summary]) -> Table:
 
     row("min distance", lambda s: f"{s.min_distance:+.3f} m")
     row("contact", lambda s: "no" if not s.collision else "arm moving" if s.moving_contact else "arm at rest")
+    if told:
+        row("success", lambda s: "yes" if s.success else "no")
+        row("time to the goal", lambda s: moment(s.time_to_goal))
     row("first trigger", lambda s: moment(s.first_trigger))
     row("last trigger", lambda s: moment(s.last_trigger))
     row("active", lambda s: f"{s.active_duration:.3f} s")

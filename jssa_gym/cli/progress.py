@@ -1,19 +1,61 @@
-"""Progress of episodes on the terminal."""
+"""Progress on the terminal, and in what is not one."""
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.text import counted
 
+PERIOD = 5.0
+"""Where nobody looks at a terminal, a line is written about so often [s]."""
 
-def transient(console: Terminal, *columns: Any) -> Progress:
-    """A bar that is gone at the end; where nobody can see it nothing is written, empty lines included."""
-    return Progress(*columns, console=console, transient=True, disable=not console.is_interactive)
+
+class Bar(Progress):
+    """A bar that is gone at the end; in a file or a pipe a line every few seconds instead.
+
+    Args:
+        console: Where it is drawn.
+        columns: As rich's; its own without any.
+    """
+
+    def __init__(self, console: Terminal, *columns: Any) -> None:
+        super().__init__(*columns, console=console, transient=True, disable=not console.is_interactive)
+        self._say = console.say
+        self._told = monotonic()
+
+    def update(self, task_id: TaskID, **changes: Any) -> None:
+        """Change what is shown of a task."""
+        super().update(task_id, **changes)
+        self._tell(task_id)
+
+    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+        """Count what a task has done."""
+        super().advance(task_id, advance)
+        self._tell(task_id)
+
+    def _tell(self, task_id: TaskID) -> None:
+        if not self.disable or (now := monotonic()) < self._told + PERIOD:
+            return
+        self._told = now
+        task = self._tasks[task_id]
+        of = "" if task.total is None else f" of {task.total:,.0f}"
+        left = task.time_remaining
+        later = "" if left is None else f", {left:.0f} s left"
+        gone = f"{task.elapsed or 0.0:.0f} s gone"
+        self._say(f"{task.description or 'working'}: {task.completed:,.0f}{of}, {gone}{later}")
 
 
 @contextmanager
@@ -33,7 +75,7 @@ def episodes_bar(console: Terminal, out: Path) -> Generator[Callable[..., None]]
         *(TimeElapsedColumn(), TimeRemainingColumn()),
     )
     played = 0
-    with transient(console, *columns) as progress:
+    with Bar(console, *columns) as progress:
         task = progress.add_task("episodes", total=None)
 
         def show(done: int, total: int, description: str = "episodes") -> None:

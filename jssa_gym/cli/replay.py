@@ -13,7 +13,7 @@ from jssa_gym import plots
 from jssa_gym.cli.evaluate import find_policies_here
 from jssa_gym.cli.files import writable_folder, write_figure
 from jssa_gym.cli.film import EVERY, film, pictures, require_film
-from jssa_gym.cli.progress import transient
+from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.judge import judge
@@ -31,7 +31,8 @@ from jssa_gym.types import Trace
 class Replay:
     """Draw a recorded episode; with --verify have MuJoCo judge it, with --again play it anew and compare.
 
-    The exit code is 1 if MuJoCo finds something else than the recording says, or the new episode differs in a bit.
+    The exit code is 1 if MuJoCo finds something else than the recording says, or the new episode differs in a bit. It
+    takes some seconds, most of them for the film.
     """
 
     episode: Annotated[Path, tyro.conf.Positional]
@@ -102,7 +103,7 @@ class Replay:
         out = self.episode.with_suffix("") if self.out is None else self.out
         writable_folder(out)
         console, written = Terminal(stderr=True), []
-        with transient(console) as progress:
+        with Bar(console) as progress:
             if self.figure:
                 figure = plots.profile([trace], robot.limits, trace.d_min)
                 write_figure(out / "profile.png", figure)

@@ -13,7 +13,7 @@ from rich.table import Table
 from jssa_gym import plots
 from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.files import writable_folder, write_picture
-from jssa_gym.cli.progress import transient
+from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.drawing import Marks
 from jssa_gym.envs.opengl import check_opengl
@@ -79,7 +79,7 @@ class Check:
             self.group,
         )
         console = Terminal(stderr=True)
-        with transient(console) as progress:
+        with Bar(console) as progress:
             progress.add_task(f"examining {self.file.name}", total=None)
             arm = examine(self.file, preparation)
         proof = None
@@ -88,7 +88,7 @@ class Check:
             writable_folder(self.write if self.write.exists() else self.write.parent)
             write_prepared(arm, self.write)
             if self.prove:
-                with transient(console) as progress:
+                with Bar(console) as progress:
                     progress.add_task("proving it", total=None)
                     proof = prove(arm, make_robot(self.write))
         if self.json:

@@ -12,9 +12,10 @@ import tyro
 from rich.table import Table
 
 from jssa_gym import plots
+from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import ticks
-from jssa_gym.cli.files import write_figure
+from jssa_gym.cli.files import own_folder, write_figure
 from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, WRONG
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
@@ -23,7 +24,7 @@ from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
 from jssa_gym.evaluation.cluster import Cluster
 from jssa_gym.evaluation.contenders import contender
-from jssa_gym.evaluation.ledger import Ledger
+from jssa_gym.evaluation.ledger import CONFIG, Ledger
 from jssa_gym.evaluation.report import Tally, tally
 from jssa_gym.evaluation.rows import StressRow
 from jssa_gym.evaluation.runner import finish
@@ -38,7 +39,9 @@ class Stress:
     """Try to break shields: every combination of filters, people, policies and faults, with paired seeds.
 
     A campaign that was interrupted goes on where it stopped when the same command is given again. The exit code is 1
-    if a shield broke its promise within the assumptions, MuJoCo disagreed, or every decision of all was a FAULT.
+    if a shield broke its promise within the assumptions, MuJoCo disagreed, or every decision of all was a FAULT. The
+    preset quick takes some seconds of one core; of the others the progress tells how many episodes are to be played,
+    about three a second.
     """
 
     preset: Literal["quick", "claim", "power", "joints", "avoid", "degradation"] = "quick"
@@ -80,6 +83,7 @@ class Stress:
         preset = "degradation" if self.degradation else self.preset
         if preset == "degradation":
             plots.require()
+        own_folder(self.out, CONFIG)
         ledger = Ledger(self.out, self._campaign(preset, steps))
         console = Terminal(stderr=True)
         self._play(ledger, jobs, console)
@@ -110,6 +114,8 @@ class Stress:
             for name in ("filters", "humans", "policies", "faults", "episodes")
             if (value := getattr(self, name)) not in ((), None)
         }
+        for name in ("filters", "humans", "policies", "faults"):
+            distinct(name, getattr(self, name))
         grids = tuple(dict.fromkeys(replace(grid, **chosen) for grid in PRESETS[preset]))
         return Campaign(grids, self.task, steps, self.seed, self.judge, self.robot)
 

@@ -7,7 +7,7 @@ from jssa_gym.exceptions import UnreachableError
 from jssa_gym.kernels.chain import forward, jacobian, tool_motion
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.postures import clearances
+from jssa_gym.safety.postures import clearances, farther_than_stretched
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes
 from jssa_gym.validation import real_array
@@ -72,18 +72,6 @@ def descend(robot: RobotModel, point: Array, seed: Array, near: Array, margin: f
         step *= min(1.0, _STRIDE / max(np.abs(step).max(), 1e-12))
         q = np.clip(q + step, low, high)
     return None
-
-
-def farther_than_stretched(robot: RobotModel, point: Array) -> bool:
-    """Whether a point is out of reach by the triangle inequality: no posture needs to be looked for.
-
-    Args:
-        robot: The arm, where it stands.
-        point: In the world, shape (3,) [m].
-    """
-    offsets = robot.links["offset"]
-    length = np.linalg.norm(offsets[1:], axis=1).sum() + np.linalg.norm(robot.tool_offset)
-    return bool(np.linalg.norm(point - offsets[0]) > length)
 
 
 def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, clear: float) -> bool:

@@ -1,5 +1,6 @@
 """Runs in which every decision of a shield is a FAULT: they say nothing about policy or filter."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable
 
@@ -14,12 +15,20 @@ def one_line(reason: str) -> str:
     return " ".join(reason.split())[:_LONGEST]
 
 
+def kind_of(reason: str) -> str:
+    """What reasons that differ in their numbers alone have in common."""
+    return re.sub(r"\d+(\.\d+)?(e[+-]?\d+)?", "#", reason)
+
+
 def commonest(reasons: Iterable[str]) -> str:
-    """The most frequent reason, the first of several, on one line; empty of none."""
-    counts = Counter(reasons)
+    """The most frequent reason of the most frequent kind, the first of several, on one line; empty of none."""
+    counts, kinds = Counter[str](), Counter[str]()
+    for reason in reasons:
+        counts[reason] += 1
+        kinds[kind_of(reason)] += 1
     if not counts:
         return ""
-    return one_line(max(counts, key=lambda reason: counts[reason])) or "no reason given"
+    return one_line(max(counts, key=lambda reason: (kinds[kind_of(reason)], counts[reason]))) or "no reason given"
 
 
 def fault_of(trace: Trace) -> str:

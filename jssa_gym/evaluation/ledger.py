@@ -51,6 +51,10 @@ def package_version() -> str:
         return "unknown"
 
 
+CONFIG = "campaign.json"
+"""File of a folder that says what is tried: the first that is there."""
+
+
 class Chunk(NamedTuple, Generic[AnyRow]):
     """Episodes of one cell that are played together."""
 
@@ -130,7 +134,7 @@ class Ledger(Results[AnyRow]):
             raise ParameterError(f"cannot use {folder}: {error.strerror or error}") from error
 
     def _settle(self, config: dict[str, Any]) -> None:
-        path = self.folder / "campaign.json"
+        path = self.folder / CONFIG
         empty = not self.table.exists() or self.table.stat().st_size == 0
         if path.exists() and not empty:
             with refused(ParameterError, f"{path} is no campaign's configuration"):

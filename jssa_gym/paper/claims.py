@@ -34,6 +34,8 @@ class Evidence:
 
     holds: bool
     seen: str
+    partly: bool = False
+    """Whether it holds in less than half of the cases, and nowhere the opposite."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "holds", bool(self.holds))  # JSON cannot hold numpy's
@@ -51,7 +53,18 @@ class Claim:
     @property
     def reproduced(self) -> bool:
         """Whether it holds for the published algorithm."""
-        return next(verdict for name, verdict in self.verdicts.items() if name != PAPER).holds
+        return self._published.holds
+
+    @property
+    def extent(self) -> str:
+        """How far it does, in words."""
+        if not self.reproduced:
+            return "not reproduced"
+        return "partly reproduced" if self._published.partly else "reproduced"
+
+    @property
+    def _published(self) -> Evidence:
+        return next(verdict for name, verdict in self.verdicts.items() if name != PAPER)
 
 
 def stays_above(trace: Trace, d_min: float) -> Evidence:
@@ -201,6 +214,5 @@ def _trend(table: Grid, axis: int, measure: str, sign: int) -> Evidence:
         change = 0.0 if low is None or high is None else sign * (high - low)
         least = 1e-9 if measure.endswith("trigger") else _TELLING * abs(low or 0.0)
         along, against = along + (change > least), against + (change < -least)
-    return Evidence(
-        along > 0 and against == 0, f"{along} of {len(others)}" + (f", {against} against" if against else "")
-    )
+    holds, seen = along > 0 and against == 0, f"{along} of {len(others)}"
+    return Evidence(holds, f"{seen}, {against} against" if against else seen, holds and 2 * along < len(others))

@@ -62,6 +62,16 @@ def reach_of(robot: RobotModel) -> float:
     return float(np.linalg.norm(robot.links["offset"][1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))
 
 
+def farther_than_stretched(robot: RobotModel, point: Array) -> bool:
+    """Whether a point is out of reach by the triangle inequality: no posture needs to be looked for.
+
+    Args:
+        robot: The arm, where it stands.
+        point: In the world, shape (3,) [m].
+    """
+    return bool(np.linalg.norm(point - robot.links["offset"][0]) > reach_of(robot))
+
+
 def tool_point(robot: RobotModel, position: Array) -> Array:
     """The tool centre point in the world, shape (3,) [m].
 

@@ -11,11 +11,11 @@ import scipy.sparse
 from plans import DT, assert_kept, one_joint, played, rest
 
 from jssa_gym.control import Plan, moves, plan_approach, plan_brake, plan_move, plan_waypoints
-from jssa_gym.control.inverse import farther_than_stretched, postures_for, way_is_clear
+from jssa_gym.control.inverse import postures_for, way_is_clear
 from jssa_gym.control.moves import brake_jerk, fewest_ticks
 from jssa_gym.envs import ArmEnv
 from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
-from jssa_gym.safety.postures import clearances, tool_point
+from jssa_gym.safety.postures import clearances, farther_than_stretched, tool_point
 from jssa_gym.types import JointState, Planes
 
 TABLE = Planes(np.array([[0.0, 0.0, 1.0]]), np.array([0.87]), ("table",))

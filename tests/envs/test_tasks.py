@@ -209,6 +209,22 @@ def test_bad_waypoints_are_refused_before_anything_changes(goal):
     np.testing.assert_array_equal(env.goal, before)
 
 
+@pytest.mark.parametrize(
+    ("task", "goal", "told"),
+    [
+        ("reach", [5.0, 5.0, 5.0], r"cannot be reached: lr_mate_200id_7l is \d\.\d\d m long"),
+        ("home", [9.0, 0.0, 0.0, 0.0, 0.0, 0.0], "inside the position limits"),
+    ],
+)
+def test_goals_out_of_reach_are_refused_before_anything_changes(task, goal, told):
+    env = ArmEnv(task, human="none")
+    env.reset(seed=0)
+    before = env.goal
+    with pytest.raises(ParameterError, match=told):
+        env.reset(seed=1, options={"goal": goal})
+    np.testing.assert_array_equal(env.goal, before)
+
+
 @pytest.mark.parametrize("count", [1, 3, 9])
 def test_any_number_of_waypoints_is_observed_alike(count):
     env = track()

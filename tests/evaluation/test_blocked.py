@@ -206,3 +206,10 @@ def test_a_training_without_a_shield_cannot_be_blocked(broken_jssa, tmp_path):
     from jssa_gym.train import train
 
     assert train(tiny(steps=64, shield=False), tmp_path).history
+
+
+def test_reasons_that_differ_in_numbers_alone_are_one():
+    late = [f"the joint state lags by {k}.{k}e-0{k} rad" for k in range(1, 4)]
+    assert commonest([*late, "frozen", "frozen"]) == late[0]
+    assert commonest([*late, late[1]]) == late[1]
+    assert commonest(["frozen", "frozen", late[0]]) == "frozen"

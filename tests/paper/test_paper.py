@@ -266,6 +266,23 @@ def test_a_claim_is_reproduced_if_the_published_filter_bears_it_out():
     assert not Claim("", "", {claims.PAPER: yes, PUBLISHED: no, OURS: yes}).reproduced
 
 
+def test_one_line_of_three_is_a_part():
+    one, two = Evidence(True, "1 of 3", partly=True), Evidence(True, "2 of 3")
+    assert Claim("", "", {claims.PAPER: two, PUBLISHED: one, OURS: two}).extent == "partly reproduced"
+    assert Claim("", "", {claims.PAPER: one, PUBLISHED: two, OURS: one}).extent == "reproduced"
+    assert (
+        Claim("", "", {claims.PAPER: two, PUBLISHED: Evidence(False, "1 of 3, 1 against")}).extent == "not reproduced"
+    )
+    for rising, extent in ((1, "partly reproduced"), (2, "reproduced"), (3, "reproduced")):
+        table = {}
+        for k, b in enumerate((6.0, 7.0, 8.0)):
+            for a in (6.0, 8.0):
+                distance = 0.4 if a == 8.0 and k < rising else 0.3
+                table[a, b] = Measures(distance, None, None, 0.0, 0.5, 0.3)
+        found = {claim.text: claim.extent for claim in claims.sensitivity_claims({PUBLISHED: table})}
+        assert found["λ₁ up: larger minimum distance"] == extent
+
+
 def run_command(monkeypatch, *arguments):
     """``jssa-gym reproduce`` in this process."""
     monkeypatch.setattr(sys, "argv", ["jssa-gym", "reproduce", *map(str, arguments)])

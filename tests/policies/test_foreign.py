@@ -177,14 +177,6 @@ class TestConversion:
         assert issubclass(MissingExtraError, ImportError)
 
 
-def test_what_the_documentation_shows_really_runs(tmp_path, monkeypatch):
-    text = (DOCS / "policies.md").read_text()
-    loading, converting = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    monkeypatch.chdir(tmp_path)
-    for block in (converting, loading):
-        exec(compile(block, "docs/policies.md", "exec"), {"__name__": "docs"})
-
-
 def test_the_documentation_lists_all_keys_of_a_file(saved_policy):
     text = (DOCS / "policies.md").read_text()
     with zipfile.ZipFile(saved_policy) as archive:

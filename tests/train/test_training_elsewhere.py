@@ -203,5 +203,3 @@ def test_the_page_names_what_is_there():
         assert name in gym.registry
     for name in re.findall(r"jssa_gym\.([A-Z]\w+)", page):
         assert hasattr(jssa_gym, name)
-    for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL):
-        compile(block, "training_elsewhere.md", "exec")

@@ -25,6 +25,12 @@ _CLEAR = 0.05
 """Distance of the reference from table and self-collision [m]."""
 
 
+def within_limits(robot: RobotModel, positions: Array) -> bool:
+    """Whether joint positions, shape (..., n) [rad], lie inside the limits."""
+    low, high = robot.limits.position.T
+    return bool(np.all((low <= positions) & (positions <= high)))
+
+
 @dataclass(frozen=True, slots=True)
 class Home(Task):
     """Hold the home position: the paper's task. It never terminates on success."""
@@ -50,7 +56,10 @@ class Home(Task):
         return np.array(robot.home)
 
     def check_goal(self, goal: ArrayLike, robot: RobotModel) -> Array:
-        return real_array("goal", goal, (robot.n,), "a joint position [rad]")
+        position = real_array("goal", goal, (robot.n,), "a joint position [rad]")
+        if not within_limits(robot, position):
+            raise ParameterError(f"the goal has to lie inside the position limits, got {goal!r}")
+        return position
 
     def observe(self, goal: Array, moment: Moment) -> Array:
         return goal - moment.position
@@ -152,8 +161,7 @@ class Track(Task):
             count = 0
         shape = (max(count, 1), robot.n)
         waypoints = real_array("goal", goal, shape, f"waypoints (K, {robot.n}) [rad], K at least 1")
-        low, high = robot.limits.position.T
-        if not np.all((low <= waypoints) & (waypoints <= high)):
+        if not within_limits(robot, waypoints):
             raise ParameterError(f"the waypoints of goal have to lie inside the position limits, got {goal!r}")
         return waypoints
 

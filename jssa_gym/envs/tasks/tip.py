@@ -11,7 +11,7 @@ from jssa_gym.envs.observation import FAR, Feature
 from jssa_gym.envs.tasks.task import Moment, RewardTerm, Task
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.postures import clearances, nearest, reach_of, room, tool_point
+from jssa_gym.safety.postures import clearances, farther_than_stretched, nearest, reach_of, room, tool_point
 from jssa_gym.types import Array, CapsuleSet, Planes
 from jssa_gym.validation import positive_number, real_array
 
@@ -92,7 +92,13 @@ class Reach(TipTask):
         )
 
     def check_goal(self, goal: ArrayLike, robot: RobotModel) -> Array:
-        return real_array("goal", goal, (3,), "a point in world coordinates [m]")
+        point = real_array("goal", goal, (3,), "a point in world coordinates [m]")
+        if farther_than_stretched(robot, point):
+            shoulder, length = robot.links["offset"][0].round(3).tolist(), reach_of(robot)
+            raise ParameterError(
+                f"goal {point.tolist()} m cannot be reached: {robot.name} is {length:.2f} m long from {shoulder} m on"
+            )
+        return point
 
 
 @dataclass(frozen=True, slots=True)
