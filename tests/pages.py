@@ -36,6 +36,7 @@ class Tab:
     def __init__(self, browser, page):
         self.page = page
         self.tab = browser.new_page(viewport=SIZE, accept_downloads=True)
+        self.tab.set_default_timeout(2e3 * PATIENCE)
         self.failures = []
         self.tab.on("pageerror", lambda error: self.failures.append(str(error)))
         begin = time.perf_counter()
@@ -51,9 +52,26 @@ class Tab:
         """What the page says of each arm [m]."""
         return [float(one) for one in re.findall(r"distance\s+([+-]\d+\.\d+) m", self.text)]
 
+    @property
+    def camera(self):
+        return next(reversed(self.page.server.viser.get_clients().values())).camera
+
+    def ready(self):
+        """Wait until the picture is laid out, and its camera where it belongs."""
+
+        def there():
+            if not self.page.server.viser.get_clients():
+                return False
+            box, camera = self.tab.locator("canvas").first.bounding_box(), self.camera
+            wanted = self.page.server.viser.initial_camera.position
+            alike = abs(camera.image_width / camera.image_height - box["width"] / box["height"]) < 0.02
+            return alike and np.allclose(camera.position, wanted, atol=0.02)
+
+        eventually(there, what="the camera's place")
+
     def pixel(self, point):
         """Where a point (3,) [m] of the scene is in the window, by the camera that the page told."""
-        camera = next(reversed(self.page.server.viser.get_clients().values())).camera
+        camera = self.camera
         w, x, y, z = camera.wxyz
         turn = np.array(
             [
@@ -66,12 +84,12 @@ class Tab:
         box = self.tab.locator("canvas").first.bounding_box()
         focal = box["height"] / 2.0 / math.tan(camera.fov / 2.0)
         assert ahead > 0.0
-        return box["x"] + box["width"] / 2.0 + focal * right / ahead, box["y"] + box[
-            "height"
-        ] / 2.0 + focal * down / ahead
+        across, along = focal * right / ahead, focal * down / ahead
+        return box["x"] + box["width"] / 2.0 + across, box["y"] + box["height"] / 2.0 + along
 
     def drag(self, start, end, steps=12):
         """Press at a point of the scene [m], go to another one, and keep the button pressed."""
+        self.ready()
         (x, y), (u, v) = self.pixel(start), self.pixel(end)
         mouse = self.tab.mouse
         mouse.move(x, y)

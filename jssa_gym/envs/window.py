@@ -63,7 +63,7 @@ class Window:
         self._glfw, self._mujoco, self._model, self._camera = glfw, mujoco, model, camera
         with warnings.catch_warnings(record=True) as told:  # GLFW says why as a warning
             warnings.simplefilter("always")
-            self._window = glfw.create_window(width, height, "jssa_gym", None, None) if glfw.init() else None
+            self._window: Any = glfw.create_window(width, height, "jssa_gym", None, None) if glfw.init() else None
         if not self._window:
             raise DisplayError(NO_DISPLAY.format(why=_reason(str(told[-1].message)) if told else "GLFW opens none"))
         self._focus()

@@ -44,7 +44,7 @@ def sensitivity(
             panel.grid(False)
             for (row, place), value in np.ndenumerate(values):
                 if np.isfinite(value):
-                    ink = "white" if value > middle + 0.4 * half else "black"
+                    ink = "white" if float(value) > middle + 0.4 * half else "black"
                     panel.text(place, row, f"{value:.3f}", ha="center", va="center", fontsize="medium", color=ink)
         column[-1].set_xlabel(r"$\lambda_1$")
     for panel, measure in zip(axes[:, 0], measures, strict=True):

@@ -118,12 +118,12 @@ def test_films_and_episodes_are_recorded_handed_over_and_scrubbed(open_page, vis
     tab.press("record a film")
     eventually(lambda: (page.runner.snapshot.recording or 0.0) > 0.4)
     eventually(lambda: "recording" in tab.text)
-    with tab.tab.expect_download(timeout=120e3) as download:
+    with tab.tab.expect_download(timeout=240e3) as download:
         tab.press("end the film")
     download.value.save_as(tmp_path / "film.mp4")
     assert download.value.suggested_filename == "film-001.mp4"
     assert frames_of(tmp_path / "film.mp4") >= 10
-    with tab.tab.expect_download(timeout=60e3) as download:
+    with tab.tab.expect_download(timeout=240e3) as download:
         tab.press("save the episode")
     assert download.value.suggested_filename == "episode-yield-001.npz"
     eventually(lambda: "episode-yield-001.npz" in page._episode.options)
