@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jssa_gym.evaluation.audit import AuditedStretch
-from jssa_gym.plots.backend import COLOURS, draw_without_display
+from jssa_gym.palette import BLUE, GREEN, GREY, RED
+from jssa_gym.plots.style import legend_below, styled
 from jssa_gym.text import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@styled
 def audited(stretches: Sequence[AuditedStretch], title: str) -> "Figure":
     """Distance, margin to S_p, speed and lateness over time, as logged and with the shield.
 
@@ -25,7 +27,6 @@ def audited(stretches: Sequence[AuditedStretch], title: str) -> "Figure":
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    draw_without_display()
     from matplotlib.figure import Figure
 
     drawing = Figure(figsize=(9.0, 9.0), layout="constrained")
@@ -40,20 +41,18 @@ def audited(stretches: Sequence[AuditedStretch], title: str) -> "Figure":
             (None, stretch.lateness),
         )
         for panel, both in zip(axes, curves, strict=True):
-            for curve, colour, name in zip(
-                both, (COLOURS[0], COLOURS[5]), ("as logged", "with the shield"), strict=True
-            ):
+            for curve, colour, name in zip(both, (BLUE, GREEN), ("as logged", "with the shield"), strict=True):
                 if curve is not None:
                     shown = np.where(np.isfinite(curve), curve, np.nan)
                     panel.plot(stretch.time, shown, color=colour, linewidth=1.2, label=name if k == 0 else None)
             for one in stretch.interventions:
-                panel.axvspan(one.start, one.end, color=COLOURS[1], alpha=0.18, linewidth=0.0)
+                panel.axvspan(one.start, one.end, color=RED, alpha=0.18, linewidth=0.0)
     for panel, label in zip(
         axes, ("distance [m]", "distance - S_p [m]", "fastest joint\n[rad/s]", "behind the log\n[s]"), strict=True
     ):
         panel.set_ylabel(label)
     for panel in axes[:2]:
-        panel.axhline(0.0, color=COLOURS[6], linewidth=0.8)
-    axes[0].legend(loc="upper right", fontsize="small")
+        panel.axhline(0.0, color=GREY, linewidth=0.8)
     axes[-1].set_xlabel("time [s]")
+    legend_below(drawing, axes[0])
     return drawing
