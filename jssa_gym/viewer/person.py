@@ -148,7 +148,7 @@ class Dragged(HumanMotion):
         return part * vx, part * vy
 
 
-class Beside(HumanMotion):
+class SameAs(HumanMotion):
     """The people of another environment, as they are there: the same for two arms, whichever they react to.
 
     Args:

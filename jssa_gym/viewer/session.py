@@ -11,7 +11,7 @@ from jssa_gym.evaluation.people import make_person
 from jssa_gym.humans import HumanMotion
 from jssa_gym.types import Trace
 from jssa_gym.viewer.choices import DRAGGED, Choices
-from jssa_gym.viewer.person import Beside, Dragged
+from jssa_gym.viewer.person import SameAs, Dragged
 from jssa_gym.viewer.side import Side
 from jssa_gym.viewer.snapshot import Snapshot
 
@@ -51,7 +51,7 @@ class Session:
         human: HumanMotion = self.dragged if choices.human == DRAGGED else make_person(choices.human)
         first = Side(choices, choices.shields[0], human)
         # people look at the first arm only, and the second one's are the same
-        beside = Beside(human, lambda: first.base.scene.human)
+        beside = SameAs(human, lambda: first.base.scene.human)
         sides = (first, *(Side(choices, shield, beside) for shield in choices.shields[1:]))
         for side in self._sides:
             side.close()

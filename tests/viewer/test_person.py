@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import nobody
 from jssa_gym.humans.body import NAMES
-from jssa_gym.viewer.person import HANDS, Beside, Dragged
+from jssa_gym.viewer.person import HANDS, SameAs, Dragged
 
 DT = 0.008
 CORE, HAND = NAMES.index("core_body"), NAMES.index("right_arm")
@@ -134,7 +134,7 @@ def test_what_makes_no_sense_is_refused(arguments):
 def test_people_beside_another_arm_are_the_same():
     person = begun()
     now = [person.step(DT, nobody())]
-    beside = Beside(person, lambda: now[-1])
+    beside = SameAs(person, lambda: now[-1])
     assert beside.reset(np.random.default_rng(0)) is now[0]
     now.append(person.step(DT, nobody()))
     assert beside.step(DT, nobody()) is now[1]
