@@ -58,6 +58,7 @@ def visitor(port, origin=None, **headers):
         max_size=None,
         open_timeout=30.0,
         close_timeout=1.0,
+        ping_interval=None,  # a busy machine may take longer to answer
     ) as connection:
         connection.say = lambda message: connection.send(msgspec.msgpack.encode(message))
         connection.say(CAMERA)
