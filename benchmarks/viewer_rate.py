@@ -116,7 +116,7 @@ def measure(shields: tuple[str, ...], seconds: float, with_browser: bool) -> Non
             opened, own = float("nan"), float("nan")
             if with_browser:
                 tab, opened = visiting.enter_context(browser(page))
-                time.sleep(5.0)
+                time.sleep(20.0)  # software compiles its shaders first
                 own = tab.evaluate(COUNT)
             time.sleep(2.0)
             before = page.sent, page.runner.snapshot.number, traffic["bytes"], time.process_time()

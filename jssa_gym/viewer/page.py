@@ -175,7 +175,7 @@ class Page:
                     self._charts.show(snapshot)
                     self._ribbon.image = ribbon(snapshot, COLOURS)
                 if live.recording is not None and live.recording >= LONGEST - DT:
-                    self._toggle_film()
+                    self._end_film()
             except Exception as error:  # whatever goes wrong with showing, the page goes on
                 if (said := f"{type(error).__name__}: {error}") != failed:
                     failed = said  # once: it may go wrong thirty times a second
@@ -201,13 +201,18 @@ class Page:
     # ---- films and episodes ----------------------------------------------------------------------------
 
     def _toggle_film(self) -> None:
-        if self.runner.snapshot.answered < self._rolled:
-            return  # what was asked for last is still to be done
-        if self.runner.snapshot.recording is None:
+        if self.runner.snapshot.recording is not None:
+            self._end_film()
+        elif self.runner.snapshot.answered >= self._rolled:  # else what was asked for last is still to be done
             self._rolled = self.runner.submit(lambda session: session.roll())
-        else:
-            keep = self._shelf.keep_film
-            self._rolled = self.runner.submit(lambda session: self._keep(keep, session.cut(), session.robot))
+
+    def _end_film(self) -> None:
+        def end(session: Session) -> None:
+            if traces := session.cut():
+                self._keep(self._shelf.keep_film, traces, session.robot)
+
+        if self.runner.snapshot.answered >= self._rolled:
+            self._rolled = self.runner.submit(end)
 
     def _save(self) -> None:
         self.runner.submit(lambda session: self._keep(self._shelf.keep_episodes, session.traces(), session.robot))

@@ -72,10 +72,13 @@ class SceneryOfArm:
             legs = height - 0.04
             scene.add_box(f"{name}/table/body", (92, 98, 107), (0.60, 0.72, legs), position=(0.03, 0.0, legs / 2.0))
         meshes = looks(world)
-        self._bodies = {
-            body: scene.add_mesh_trimesh(f"{name}/body/{body}", mesh, cast_shadow=False, receive_shadow=False)
-            for body, mesh in meshes.items()
-        }
+        self._bodies = {body: scene.add_frame(f"{name}/body/{body}", show_axes=False) for body in meshes}
+        for body, parts in meshes.items():
+            for k, part in enumerate(parts):
+                scene.add_mesh_simple(
+                    f"{name}/body/{body}/{k}", part.mesh.vertices, part.mesh.faces, color=part.colour,
+                    flat_shading=True, cast_shadow=False, receive_shadow=False,
+                )  # fmt: skip
         m = len(view.capsules.radius)
         self._capsules = CapsuleBatch(
             server, f"{name}/capsules", np.tile(COLOURS[Status.NOMINAL], (m, 1)), 0.3 if meshes else None

@@ -6,7 +6,6 @@ import numpy as np
 import trimesh
 import trimesh.creation
 import trimesh.transformations
-import trimesh.visual
 from numpy.typing import NDArray
 
 from jssa_gym.envs.world import World
@@ -68,51 +67,56 @@ def turned_to(direction: Array) -> NDArray[np.float32]:
     return (out / np.linalg.norm(out, axis=1, keepdims=True)).astype(np.float32)
 
 
-def looks(world: World) -> dict[int, trimesh.Trimesh]:
+class Painted(NamedTuple):
+    """What a body has of one colour."""
+
+    mesh: Mesh
+    colour: tuple[int, int, int]
+
+
+def looks(world: World) -> dict[int, list[Painted]]:
     """What an arm's bodies look like, by their number in MuJoCo's model; empty for one that has capsules only."""
     model, found = world.model, {}
     for body in range(1, model.nbody):
-        parts = []
+        parts: dict[tuple[int, int, int], list[trimesh.Trimesh]] = {}
         for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
-            if model.geom_group[geom] != COLLISION_GROUP and (part := _geom(model, geom)) is not None:
-                parts.append(part)
+            material = model.geom_matid[geom]
+            *rgb, alpha = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+            if model.geom_group[geom] != COLLISION_GROUP and alpha > 0.05 and (part := _geom(model, geom)) is not None:
+                r, g, b = (round(255.0 * float(one)) for one in rgb)
+                parts.setdefault((r, g, b), []).append(part)
         if parts:
-            found[body] = trimesh.util.concatenate(parts)
+            found[body] = [Painted(_as_one(same), colour) for colour, same in parts.items()]
     return found
 
 
+def _as_one(parts: list[trimesh.Trimesh]) -> Mesh:
+    begin = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.faces + start for part, start in zip(parts, begin, strict=False)]
+    vertices = np.concatenate([part.vertices for part in parts])
+    return Mesh(vertices.astype(np.float32), np.concatenate(faces).astype(np.uint32))
+
+
 def _geom(model: Any, geom: int) -> trimesh.Trimesh | None:
-    """A geom in its body's frame, painted."""
+    """A geom in its body's frame."""
     size, kind = model.geom_size[geom], int(model.geom_type[geom])
     if kind == _MESH:
         mesh = model.geom_dataid[geom]
         v, f = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-        part = trimesh.Trimesh(
-            model.mesh_vert[v : v + model.mesh_vertnum[mesh]],
-            model.mesh_face[f : f + model.mesh_facenum[mesh]],
-            process=False,
-        )
+        vertices = model.mesh_vert[v : v + model.mesh_vertnum[mesh]]
+        part = trimesh.Trimesh(vertices, model.mesh_face[f : f + model.mesh_facenum[mesh]], process=False)
     elif kind == _BOX:
         part = trimesh.creation.box(2.0 * size)
     elif kind == _CYLINDER:
         part = trimesh.creation.cylinder(size[0], 2.0 * size[1], sections=_AROUND)
     elif kind == _CAPSULE:
         part = trimesh.creation.capsule(2.0 * size[1], size[0], count=(_AROUND, _AROUND))
-        part.apply_translation([0.0, 0.0, -size[1]] - part.bounds.mean(axis=0) + [0.0, 0.0, size[1]])
+        part.apply_translation(-part.bounds.mean(axis=0))
     elif kind in (_SPHERE, _ELLIPSOID):
         part = trimesh.creation.icosphere(subdivisions=2)
         part.apply_scale(size[0] if kind == _SPHERE else size)
     else:
         return None
-    part = part.copy()
-    part.unmerge_vertices()  # flat faces keep their edges
-    colour = model.geom_rgba[geom] if model.geom_matid[geom] < 0 else model.mat_rgba[model.geom_matid[geom]]
-    if colour[3] < 0.05:
-        return None
-    part.visual = trimesh.visual.ColorVisuals(
-        part, vertex_colors=np.tile((255.0 * colour).astype(np.uint8), (len(part.vertices), 1))
-    )
     place = trimesh.transformations.quaternion_matrix(model.geom_quat[geom])
     place[:3, 3] = model.geom_pos[geom]
-    part.apply_transform(place)
-    return part
+    return part.apply_transform(place)
