@@ -152,6 +152,8 @@ def _trunk(
         for shoulder, sign in ((right, -1.0), (left, 1.0))
     ]
     drawn = [Solid(inner[0], inner[1], 0.40 * radius, shirt)]
+    breast = (inner[0] + inner[1]) / 2.0 + 0.35 * radius * down
+    drawn.append(Solid(breast, waist, wide, shirt))
     for sign, shoulder in zip((1.0, -1.0), inner, strict=True):
         drawn.append(
             Solid(shoulder + 0.3 * radius * down - sign * 0.1 * radius * aside, waist + sign * half, wide, shirt)
