@@ -8,7 +8,7 @@ import numpy as np
 
 from jssa_gym.envs import figures
 from jssa_gym.envs.camera import Camera, hides
-from jssa_gym.envs.figures import Shape
+from jssa_gym.envs.figures import Rounded
 from jssa_gym.envs.surroundings import posed
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet
@@ -55,7 +55,7 @@ def goal_points(robot: RobotModel, goal: Array, holds: bool) -> Array | None:
     return np.array([posed(robot, posture).tip[0] for posture in goal.reshape(-1, robot.n)])
 
 
-def solids(camera: Camera, arm: Array, people: CapsuleSet, marks: Marks, floor: float) -> list[Shape]:
+def solids(camera: Camera, arm: Array, people: CapsuleSet, marks: Marks, floor: float) -> list[Rounded]:
     """All that is drawn besides the arm; whoever hides it, or its goal, can be seen through.
 
     Args:
@@ -65,7 +65,7 @@ def solids(camera: Camera, arm: Array, people: CapsuleSet, marks: Marks, floor: 
         marks: What else is drawn.
         floor: Height that a goal's stem stands on [m].
     """
-    drawn: list[Shape] = []
+    drawn: list[Rounded] = []
     if marks.goal is not None:
         drawn += figures.goal(marks.goal, floor)
         arm = np.vstack([arm, marks.goal])
@@ -90,7 +90,7 @@ def member(people: CapsuleSet, who: int) -> CapsuleSet:
     return CapsuleSet(*arrays, tuple(people.names[k] for k in own), people.person[own])
 
 
-def add_to(scene: "mujoco.MjvScene", drawn: Iterable[Shape]) -> None:
+def add_to(scene: "mujoco.MjvScene", drawn: Iterable[Rounded]) -> None:
     """Add shapes to a scene, as many as it has room for."""
     import mujoco
 

@@ -25,7 +25,7 @@ _FAINT = 0.28
 """How opaque a capsule is that is shown over what it stands for."""
 
 
-class Shape(NamedTuple):
+class Rounded(NamedTuple):
     """Something round: a capsule, or a ball where both ends are one point."""
 
     start: Array
@@ -38,7 +38,7 @@ class Shape(NamedTuple):
     opacity: float = 1.0
 
 
-def person(capsules: CapsuleSet, opacity: float = 1.0) -> list[Shape]:
+def person(capsules: CapsuleSet, opacity: float = 1.0) -> list[Rounded]:
     """One person as drawn.
 
     Whoever has the paper's six parts is drawn with shoulders, elbows, hands, knees and shoes; of others every capsule
@@ -57,40 +57,40 @@ def person(capsules: CapsuleSet, opacity: float = 1.0) -> list[Shape]:
     return [solid._replace(opacity=opacity) for solid in drawn]
 
 
-def shells(capsules: CapsuleSet) -> list[Shape]:
+def shells(capsules: CapsuleSet) -> list[Rounded]:
     """The capsules themselves, to be seen through."""
     ends = zip(capsules.start, capsules.end, capsules.radius, strict=True)
-    return [Shape(start, end, float(radius), _CAPSULE, _FAINT) for start, end, radius in ends]
+    return [Rounded(start, end, float(radius), _CAPSULE, _FAINT) for start, end, radius in ends]
 
 
-def goal(points: Array, floor: float) -> list[Shape]:
+def goal(points: Array, floor: float) -> list[Rounded]:
     """Where the tool is to be, shape (k, 3) [m], with halos; a single one stands on a stem, which tells its depth.
 
     Args:
         points: One, or several that are visited in their order.
         floor: Height that the stem stands on [m].
     """
-    drawn = [Shape(point, point, 0.022, GREEN) for point in points]
-    drawn += [Shape(point, point, 0.05, GREEN, 0.35) for point in points]
+    drawn = [Rounded(point, point, 0.022, GREEN) for point in points]
+    drawn += [Rounded(point, point, 0.05, GREEN, 0.35) for point in points]
     if len(points) == 1 and points[0][2] > floor:
         foot = np.array([points[0][0], points[0][1], floor])
-        drawn.append(Shape(foot, points[0], 0.005, GREEN, 0.8))
-        drawn.append(Shape(foot, foot, 0.018, GREEN, 0.8))
-    drawn += [Shape(a, b, 0.005, GREEN, 0.8) for a, b in pairwise(points)]
+        drawn.append(Rounded(foot, points[0], 0.005, GREEN, 0.8))
+        drawn.append(Rounded(foot, foot, 0.018, GREEN, 0.8))
+    drawn += [Rounded(a, b, 0.005, GREEN, 0.8) for a, b in pairwise(points)]
     return drawn
 
 
-def shortest_line(pair: tuple[Array, Array], colour: Colour = RED) -> list[Shape]:
+def shortest_line(pair: tuple[Array, Array], colour: Colour = RED) -> list[Rounded]:
     """The line between the closest points of an arm and of people, (3,) [m] each."""
-    return [Shape(*pair, 0.006, colour), *(Shape(end, end, 0.014, colour) for end in pair)]
+    return [Rounded(*pair, 0.006, colour), *(Rounded(end, end, 0.014, colour) for end in pair)]
 
 
-def contact(point: Array) -> list[Shape]:
+def contact(point: Array) -> list[Rounded]:
     """Where an arm and people touch, (3,) [m]: a bright ball in a halo."""
-    return [Shape(point, point, 0.045, RED), Shape(point, point, 0.13, RED, 0.4)]
+    return [Rounded(point, point, 0.045, RED), Rounded(point, point, 0.13, RED, 0.4)]
 
 
-def _limbs(capsules: CapsuleSet, shirt: Colour) -> list[Shape]:
+def _limbs(capsules: CapsuleSet, shirt: Colour) -> list[Rounded]:
     """Every capsule as a limb of its own, of a colour by its name."""
     drawn = []
     for k, name in enumerate(capsules.names):
@@ -101,11 +101,11 @@ def _limbs(capsules: CapsuleSet, shirt: Colour) -> list[Shape]:
             colour, share = _SHOES if is_called(name, ("foot", "toe", "shoe")) else _TROUSERS, 0.75
         else:
             colour, share = shirt, 0.62 if is_called(name, LIMB_PARTS) else 0.85
-        drawn.append(Shape(start, end, share * radius, colour))
+        drawn.append(Rounded(start, end, share * radius, colour))
     return drawn
 
 
-def _whole(capsules: CapsuleSet, part: dict[str, int], shirt: Colour) -> list[Shape]:
+def _whole(capsules: CapsuleSet, part: dict[str, int], shirt: Colour) -> list[Rounded]:
     """Somebody of six capsules."""
     start, end, radius = capsules.start, capsules.end, capsules.radius
     head, core = part["head"], part["core_body"]
@@ -124,7 +124,7 @@ def _whole(capsules: CapsuleSet, part: dict[str, int], shirt: Colour) -> list[Sh
     return drawn
 
 
-def _head(middle: Array, radius: float, up: Array, ahead: Array, chest: Array) -> list[Shape]:
+def _head(middle: Array, radius: float, up: Array, ahead: Array, chest: Array) -> list[Rounded]:
     """Face, hair and neck: with the paper's radius of 0.2 m a face of 0.11 m."""
     size = 0.54 * radius
     face = middle + 0.10 * radius * up
@@ -132,16 +132,16 @@ def _head(middle: Array, radius: float, up: Array, ahead: Array, chest: Array) -
     crown = face + 0.14 * radius * up - 0.16 * radius * ahead
     nose = face + 0.94 * size * ahead - 0.22 * size * up
     return [
-        Shape(chin, face, 0.94 * size, _SKIN),
-        Shape(crown, crown - 0.22 * radius * up - 0.06 * radius * ahead, 1.0 * size, _HAIR),
-        Shape(nose + 0.3 * size * up - 0.08 * size * ahead, nose, 0.15 * size, _SKIN),
-        Shape(middle, middle + 0.55 * (chest - middle), 0.30 * radius, _SKIN),
+        Rounded(chin, face, 0.94 * size, _SKIN),
+        Rounded(crown, crown - 0.22 * radius * up - 0.06 * radius * ahead, 1.0 * size, _HAIR),
+        Rounded(nose + 0.3 * size * up - 0.08 * size * ahead, nose, 0.15 * size, _SKIN),
+        Rounded(middle, middle + 0.55 * (chest - middle), 0.30 * radius, _SKIN),
     ]
 
 
 def _trunk(
     shoulders: Sequence[Array], hips: Sequence[Array], aside: Array, radius: float, shirt: Colour
-) -> list[Shape]:
+) -> list[Rounded]:
     """Shoulders, chest and waist, narrower below."""
     (right, left), (one, other) = shoulders, hips
     waist = (one + other) / 2.0
@@ -151,41 +151,43 @@ def _trunk(
         shoulder + sign * 0.18 * radius * aside + 0.22 * radius * down
         for shoulder, sign in ((right, -1.0), (left, 1.0))
     ]
-    drawn = [Shape(inner[0], inner[1], 0.40 * radius, shirt)]
+    drawn = [Rounded(inner[0], inner[1], 0.40 * radius, shirt)]
+    breast = (inner[0] + inner[1]) / 2.0 + 0.35 * radius * down
+    drawn.append(Rounded(breast, waist, wide, shirt))
     for sign, shoulder in zip((1.0, -1.0), inner, strict=True):
         drawn.append(
-            Shape(shoulder + 0.3 * radius * down - sign * 0.1 * radius * aside, waist + sign * half, wide, shirt)
+            Rounded(shoulder + 0.3 * radius * down - sign * 0.1 * radius * aside, waist + sign * half, wide, shirt)
         )
-    drawn.append(Shape(waist + half - 0.1 * radius * down, waist - half - 0.1 * radius * down, 0.58 * radius, shirt))
+    drawn.append(Rounded(waist + half - 0.1 * radius * down, waist - half - 0.1 * radius * down, 0.58 * radius, shirt))
     drawn.append(
-        Shape(waist + half + 0.32 * radius * down, waist - half + 0.32 * radius * down, 0.52 * radius, _TROUSERS)
+        Rounded(waist + half + 0.32 * radius * down, waist - half + 0.32 * radius * down, 0.52 * radius, _TROUSERS)
     )
     return drawn
 
 
-def _arm(shoulder: Array, hand: Array, radius: float, back: Array, shirt: Colour) -> list[Shape]:
+def _arm(shoulder: Array, hand: Array, radius: float, back: Array, shirt: Colour) -> list[Rounded]:
     """Sleeve, forearm, palm, fingers; the elbow is as far behind the line as the capsule is wide."""
     along = _unit(hand - shoulder, (0.0, 0.0, -1.0))
     elbow = shoulder + 0.48 * (hand - shoulder) + 0.38 * radius * back
     wrist, palm = hand - 0.9 * radius * along, hand - 0.15 * radius * along
     return [
-        Shape(shoulder, elbow, 0.56 * radius, shirt),
-        Shape(elbow, wrist, 0.46 * radius, shirt),
-        Shape(wrist, palm, 0.34 * radius, _SKIN),
-        Shape(palm, hand + 0.35 * radius * along, 0.42 * radius, _SKIN),
-        Shape(palm, palm + 0.5 * radius * (along - back), 0.17 * radius, _SKIN),
+        Rounded(shoulder, elbow, 0.56 * radius, shirt),
+        Rounded(elbow, wrist, 0.46 * radius, shirt),
+        Rounded(wrist, palm, 0.34 * radius, _SKIN),
+        Rounded(palm, hand + 0.35 * radius * along, 0.42 * radius, _SKIN),
+        Rounded(palm, palm + 0.5 * radius * (along - back), 0.17 * radius, _SKIN),
     ]
 
 
-def _leg(hip: Array, ankle: Array, radius: float, ahead: Array) -> list[Shape]:
+def _leg(hip: Array, ankle: Array, radius: float, ahead: Array) -> list[Rounded]:
     """Thigh, shin and shoe."""
     knee = hip + 0.5 * (ankle - hip) + 0.25 * radius * ahead
     flat = _unit(np.array([ahead[0], ahead[1], 0.0]), (-1.0, 0.0, 0.0))
     sole = ankle - np.array([0.0, 0.0, 0.55 * radius])
     return [
-        Shape(hip, knee, 0.84 * radius, _TROUSERS),
-        Shape(knee, ankle, 0.60 * radius, _TROUSERS),
-        Shape(sole - 0.35 * radius * flat, sole + 1.1 * radius * flat, 0.44 * radius, _SHOES),
+        Rounded(hip, knee, 0.84 * radius, _TROUSERS),
+        Rounded(knee, ankle, 0.60 * radius, _TROUSERS),
+        Rounded(sole - 0.35 * radius * flat, sole + 1.1 * radius * flat, 0.44 * radius, _SHOES),
     ]
 
 

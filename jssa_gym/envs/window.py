@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from jssa_gym.envs.drawing import add_to
-from jssa_gym.envs.figures import Shape
+from jssa_gym.envs.figures import Rounded
 from jssa_gym.exceptions import DisplayError
 from jssa_gym.headless import has_display
 
@@ -84,7 +84,7 @@ class Window:
         """Whether there is something to look at."""
         return self._window is not None
 
-    def show(self, data: "mujoco.MjData", option: "mujoco.MjvOption", drawn: Sequence[Shape], period: float) -> None:
+    def show(self, data: "mujoco.MjData", option: "mujoco.MjvOption", drawn: Sequence[Rounded], period: float) -> None:
         """Draw a moment when it is time for it; where drawing takes too long, only every few.
 
         Args:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.envs.camera import Camera
 from jssa_gym.envs.drawing import Marks, add_to, solids
-from jssa_gym.envs.figures import Shape
+from jssa_gym.envs.figures import Rounded
 from jssa_gym.envs.opengl import open_renderer
 from jssa_gym.envs.stage import decorate
 from jssa_gym.envs.window import Window
@@ -163,7 +163,7 @@ class World:
         option.geomgroup[COLLISION_GROUP] = self._show_capsules or marks.capsules
         return option
 
-    def _solids(self, humans: CapsuleSet, marks: Marks) -> list[Shape]:
+    def _solids(self, humans: CapsuleSet, marks: Marks) -> list[Rounded]:
         camera = self.camera
         seen = Camera(camera.azimuth, camera.elevation, camera.distance, camera.lookat.copy())
         return solids(seen, self._arm_points(), humans, marks, self._floor)
