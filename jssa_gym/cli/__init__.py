@@ -66,7 +66,8 @@ def main() -> None:
             terminal.abandon_output()
             raise SystemExit(1) from None
         except (JSSAGymError, OSError) as error:
-            asked = isinstance(error, ParameterError) and arguments[:1] and arguments[0] in COMMANDS
+            wrong = isinstance(error, ParameterError) and not isinstance(error.__cause__, OSError)
+            asked = wrong and arguments[:1] and arguments[0] in COMMANDS
             terminal.complain(f"{error}; see jssa-gym {arguments[0]} --help" if asked else error)
             terminal.abandon_output()
             raise SystemExit(2) from error
