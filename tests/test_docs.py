@@ -2,7 +2,9 @@
 
 import importlib
 import re
+from fnmatch import fnmatch
 from functools import reduce
+from pathlib import Path
 
 import pytest
 from places import DOCS, ROOT
@@ -42,6 +44,23 @@ def missing(text: str) -> list[str]:
 @pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
 def test_files_and_names_are_there(page):
     assert missing(page.read_text(encoding="utf-8")) == []
+
+
+def contents(page: Path) -> list[str]:
+    """Entries of a page's tables of contents, patterns as they are."""
+    trees = re.findall(r"^```{toctree}\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return [line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")]
+
+
+@pytest.mark.parametrize("index", ["index.md", "api/index.md"])
+def test_every_page_is_in_a_table_of_contents(index):
+    folder = (DOCS / index).parent
+    entries = contents(DOCS / index)
+    for page in folder.glob("*.md"):
+        found = [entry for entry in entries if fnmatch(page.stem, entry)]
+        assert len(found) == (page.name != "index.md"), f"{page.name} is in {found}: docs/{index} has to list it once"
+    for entry in entries:  # those of pages that are to come have a star
+        assert "*" in entry or (folder / f"{entry}.md").is_file(), entry
 
 
 def test_the_check_sees_what_is_not_there():
