@@ -20,6 +20,9 @@ from jssa_gym.validation import positive_number
 PATIENCE = 1.25
 """Ticks after the last packet in which the next has to come; then the tick goes on without it."""
 
+LATE = 0.5
+"""Ticks after the last one before which no other can have begun: a packet that comes earlier is of that one, late."""
+
 SILENT = 0.5
 """For how long no packet may come before the stream is given up [s]."""
 
@@ -205,8 +208,11 @@ class FanucStream:
             if status is None or not all(np.isfinite(status.joint_angle_deg)):
                 continue
             ahead = None if self._seen is None else (status.sequence_no - self._seen) & 0xFFFF_FFFF
-            if ahead is None or 0 < ahead < 0x8000_0000:  # neither a duplicate nor late
-                self._seen, found = status.sequence_no, status
+            if ahead is not None and not 0 < ahead < 0x8000_0000:  # a duplicate, or overtaken
+                continue
+            self._seen = status.sequence_no
+            if self._clock() - self._heard >= LATE * self.guard.dt:  # else its tick went on without it
+                found = status
 
     def _refused(self, status: Any) -> str:
         """Why the controller does not let the arm move, or nothing."""
