@@ -115,6 +115,8 @@ def main() -> int:
     print(f"longest {gaps_ms.max():.1f} ms; {stream.lost} status packets lost")
     rested = sum(rests for _, rests in ends)
     print(f"faults injected: {turn}; ends of the stream: {len(ends)}, at rest: {rested}; restarts: {restarts}")
+    for why, count in Counter(why for why, _ in ends).items():
+        print(f"    {count:6,} {why}")
     print(f"decisions: {names}")
     for reason, count in reasons.most_common(8):
         print(f"    {count:6,} {reason}")

@@ -129,7 +129,12 @@ def test_whatever_is_commanded_keeps_the_tables_and_reaches_them(cell):
 
 def test_a_lost_packet_goes_on_with_the_stored_stop(cell):
     one = cell()
+    one.fake.tick(200)  # the controller has been on for a while
     one.stream.connect()
+    one.fake.drop_status(1)
+    assert one.run(1)[0].status == Status.FAULT
+    assert not one.stream.halted
+    one.stream.lost = 0
     one.run(60)
     one.fake.drop_status(1)
     lost = one.run(1)[0]

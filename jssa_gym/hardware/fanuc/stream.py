@@ -83,7 +83,7 @@ class FanucStream:
         self._recent: deque[Array] = deque(maxlen=round(LAG / guard.dt))
         self._version = self._sequence = 0
         self._seen: int | None = None
-        self._heard = self._begun = 0.0
+        self._heard = self._last = 0.0
         self._open = False
         self.halted = "it has not been connected"
         """Why the stream has ended; empty while it goes on."""
@@ -130,6 +130,7 @@ class FanucStream:
         self._recent.clear()
         self._recent.append(self.measured)
         self._seen, self._heard = status.sequence_no, self._clock()
+        self._last = self._heard
         self._open, self.halted = True, ""
 
     def restart(self, timeout: float = 10.0) -> None:
@@ -186,10 +187,10 @@ class FanucStream:
         self._heard = self._clock()
         if status is None:
             self.lost += 1
-            if self._heard - self._begun > SILENT and not self.halted:
+            if self._heard - self._last > SILENT and not self.halted:
                 self.halted = f"no status packet for {SILENT} s"
             return "the status packet of this tick is lost"
-        self._begun = self._heard
+        self._last = self._heard
         self.measured = self._axes.to_radians(status.joint_angle_deg)
         if refused := self._refused(status):
             self.halted = self.halted or refused
