@@ -10,8 +10,10 @@ that breaks its contract, or the stream did not come back.
 
 import argparse
 import multiprocessing
+import re
 import sys
 import time
+from collections import Counter
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -25,7 +27,7 @@ FAULTS = ("lost", "ten lost", "gap", "duplicate", "emergency stop")
 
 
 def controller(pipe: Connection, start: list[float]) -> None:
-    """The other process: the simulated controller, on absolute deadlines."""
+    """The other process: the simulated controller."""
     from airo_fanuc.testing.fake_crx import FakeCRXController
 
     fake = FakeCRXController(initial_q_deg=start).start()
@@ -49,7 +51,7 @@ def controller(pipe: Connection, start: list[float]) -> None:
             does[word]()
         fake.clock.advance(0.008)
         fake.sm.tick(0.008, raise_on_violation=False)
-        due += 0.008
+        due = max(due + 0.008, time.monotonic())  # a tick that was slept through is not made up for
         time.sleep(max(due - time.monotonic(), 0.0))
 
 
@@ -77,7 +79,7 @@ def main() -> int:
     people = motion.reset(np.random.default_rng(0))
     begun = before = time.monotonic()
     next_fault, turn, restarts = begun + given.every, 0, 0
-    gaps, ends, statuses = [], [], [0] * 5
+    gaps, ends, statuses, reasons = [], [], [0] * 5, Counter()
     while time.monotonic() - begun < given.seconds:
         t = time.monotonic() - begun
         command = jssa_gym.JointPosition(guard.robot.home + 0.4 * np.sin(0.7 * t) * np.ones(6))
@@ -85,6 +87,8 @@ def main() -> int:
         now = time.monotonic()
         gaps.append(now - before)
         statuses[answer.status] += 1
+        if answer.status == jssa_gym.Status.FAULT:
+            reasons[re.sub(r"[0-9.]+", "#", answer.reason)] += 1
         people = motion.step(max(now - before, 1e-6), nobody())
         before = now
         if stream.halted:
@@ -111,7 +115,11 @@ def main() -> int:
     print(f"longest {gaps_ms.max():.1f} ms; {stream.lost} status packets lost")
     rested = sum(rests for _, rests in ends)
     print(f"faults injected: {turn}; ends of the stream: {len(ends)}, at rest: {rested}; restarts: {restarts}")
+    for why, count in Counter(why for why, _ in ends).items():
+        print(f"    {count:6,} {why}")
     print(f"decisions: {names}")
+    for reason, count in reasons.most_common(8):
+        print(f"    {count:6,} {reason}")
     print(f"violations of the controller's contract: {len(violations)}; deviation fault: {deviation}")
     for violation in violations[:5]:
         print("   ", violation)

@@ -1005,7 +1005,8 @@ MUTANTS = [
     _stream("a lost packet is no trouble", "None if trouble or self.halted else", "None if self.halted else", "lost"),
     _stream("halted, but commanded", "None if trouble or self.halted else", "None if not people else", "fault_of"),
     _stream("drives may be anywhere", "if off[j] <= ASTRAY:", "if True:", "drive_that"),
-    _stream("duplicates are news", "0 < ahead < 0x8000_0000", "ahead < 0x1_0000_0000", "gaps"),
+    _stream("duplicates are news", "not 0 < ahead < 0x8000_0000", "ahead < 0", "gaps"),
+    _stream("late packets are ticks", ">= LATE * self.guard.dt", ">= 0.0", "comes_late"),
     _stream("tables are not looked at", "if excess := tables.excess(guard.robot):", "if False:", "refused_before"),
     _stream("the stream ends in motion", "bool(self.halted) and self.guard.rests", "bool(self.halted)", "fault_of"),
     # how the arm moves and how long it takes, as it is told

@@ -24,7 +24,6 @@ from jssa_gym.safety.index import DEFAULT
 from jssa_gym.shields.inplace import InPlace
 from jssa_gym.shields.options import JSSAOptions
 from jssa_gym.shields.profiles import assumptions, profiled_filter
-from jssa_gym.shields.reasons import FAULTS
 from jssa_gym.types import Array, CapsuleSet, JointState, MeasuredPeople, Planes, Scene, Status
 from jssa_gym.validation import number_within, real_array
 
@@ -194,9 +193,7 @@ class Guard:
         human, age, valid = self._seen.read(people)
         joints = self._measured.read(measured) if self._watched else self._measured.commanded(state)
         now = Scene(stamp, joints, human, self._static, self._planes, age, valid)
-        status, reason, margin = self._step.decide(now, self._nominal)
-        if wrong:
-            reason = reason.replace(FAULTS[1], wrong, 1)
+        status, reason, margin = self._step.decide(now, self._nominal, wrong)
         override = 0.0 if status == Status.FAULT else pace_of(margin)
         return self._answers.make(self._step.state, self._step.jerk, status, reason, margin, override)
 

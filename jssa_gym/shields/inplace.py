@@ -8,6 +8,7 @@ import numpy as np
 from jssa_gym.kernels.rest import at_rest
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.reading import words_of
+from jssa_gym.shields.reasons import FAULTS
 from jssa_gym.shields.words import Told
 from jssa_gym.tick import loop
 from jssa_gym.types import Array, Scene, Status
@@ -58,12 +59,18 @@ class InPlace:
         """Forget the past: the arm is where ``scene`` says."""
         self._filter.reset(scene)
 
-    def decide(self, scene: Any, nominal: Array) -> Outcome:
-        """The jerk to apply in this tick instead of ``nominal``, shape (n,) [rad/s³]; never raises."""
+    def decide(self, scene: Any, nominal: Array, wrong: str = "") -> Outcome:
+        """The jerk to apply in this tick instead of a nominal one; never raises.
+
+        Args:
+            scene: The present.
+            nominal: Shape (n,) [rad/s³]; NaN where there is none.
+            wrong: Why there is none.
+        """
         filter, decided = self._filter, False
         try:
             if not filter.compiled:
-                return Outcome(*self._asked(scene, nominal))
+                return Outcome(*self._asked(scene, nominal, wrong))
             filter._reading.read(scene)
             view = filter.records.view
             view.nominal[0] = nominal
@@ -76,6 +83,8 @@ class InPlace:
                 return Outcome(status, "", margin)
             told = Told(*numbers)
             reason = filter._say(told, nominal)
+            if wrong:
+                reason = reason.replace(FAULTS[1], wrong, 1)
             if status == Status.FAULT:
                 filter._alarm.fault(reason, told.persistent)
             else:
@@ -86,7 +95,7 @@ class InPlace:
             reason = filter._emergency(scene, np.array(nominal), reason, decided).reason
             return Outcome(Status.FAULT, reason, math.nan)
 
-    def _asked(self, scene: Any, nominal: Array) -> tuple[Status, str, float]:
+    def _asked(self, scene: Any, nominal: Array, wrong: str) -> tuple[Status, str, float]:
         """The decision of a filter that is not compiled, whose projection is OSQP's, say."""
         decision = self._filter.decide(scene, nominal)
-        return decision.status, decision.reason, decision.margin
+        return decision.status, decision.reason.replace(FAULTS[1], wrong or FAULTS[1], 1), decision.margin

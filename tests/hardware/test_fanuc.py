@@ -25,18 +25,25 @@ class Ticking(UdpLink):
 
     def __init__(self, fake):
         super().__init__("127.0.0.1", fake.sm_port)
-        self.fake, self.silent, self.sent = fake, False, []
+        self.fake, self.sent = fake, []
         # noise of the datagrams: bytes that are put in before the next
         self.noise = []
+        # whether the next packet comes after somebody has given up waiting for it
+        self.late, self.held = False, []
 
     def receive(self, timeout):
         if self.noise:
             return self.noise.pop()
+        if self.held:
+            return self.held.pop()
         packet = super().receive(0.0)
         if packet is not None or timeout <= 0.0:
             return packet
         self.fake.tick()
         packet = super().receive(0.0)
+        if self.late:
+            self.late, self.held = False, [packet]
+            return None
         return packet
 
     def send(self, packet):
@@ -122,7 +129,12 @@ def test_whatever_is_commanded_keeps_the_tables_and_reaches_them(cell):
 
 def test_a_lost_packet_goes_on_with_the_stored_stop(cell):
     one = cell()
+    one.fake.tick(200)  # the controller has been on for a while
     one.stream.connect()
+    one.fake.drop_status(1)
+    assert one.run(1)[0].status == Status.FAULT
+    assert not one.stream.halted
+    one.stream.lost = 0
     one.run(60)
     one.fake.drop_status(1)
     lost = one.run(1)[0]
@@ -160,6 +172,21 @@ def test_gaps_duplicates_and_noise_of_packets_are_nothing(cell):
     )
     one.link.noise = [old]
     assert {a.status for a in one.run(3)} == {Status.NOMINAL}
+    one.stream.close()
+    assert not one.fake.violations
+    assert keeps_the_tables(one.link.sent)
+
+
+def test_a_packet_that_comes_late_is_answered_once(cell):
+    one = cell()
+    one.stream.connect()
+    one.run(60)
+    begun = one.fake.clock.now()
+    for _ in range(5):
+        one.link.late = True
+        assert "is lost" in one.run(1)[0].reason
+        assert one.run(5)[-1].status == Status.NOMINAL
+    assert one.fake.clock.now() - begun == pytest.approx(30 * DT)  # a tick for each of thirty
     one.stream.close()
     assert not one.fake.violations
     assert keeps_the_tables(one.link.sent)

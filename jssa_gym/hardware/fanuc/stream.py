@@ -20,6 +20,9 @@ from jssa_gym.validation import positive_number
 PATIENCE = 1.25
 """Ticks after the last packet in which the next has to come; then the tick goes on without it."""
 
+LATE = 0.5
+"""Ticks after the last one before which no other can have begun: a packet that comes earlier is of that one, late."""
+
 SILENT = 0.5
 """For how long no packet may come before the stream is given up [s]."""
 
@@ -80,7 +83,7 @@ class FanucStream:
         self._recent: deque[Array] = deque(maxlen=round(LAG / guard.dt))
         self._version = self._sequence = 0
         self._seen: int | None = None
-        self._heard = self._begun = 0.0
+        self._heard = self._last = 0.0
         self._open = False
         self.halted = "it has not been connected"
         """Why the stream has ended; empty while it goes on."""
@@ -127,6 +130,7 @@ class FanucStream:
         self._recent.clear()
         self._recent.append(self.measured)
         self._seen, self._heard = status.sequence_no, self._clock()
+        self._last = self._heard
         self._open, self.halted = True, ""
 
     def restart(self, timeout: float = 10.0) -> None:
@@ -183,10 +187,10 @@ class FanucStream:
         self._heard = self._clock()
         if status is None:
             self.lost += 1
-            if self._heard - self._begun > SILENT and not self.halted:
+            if self._heard - self._last > SILENT and not self.halted:
                 self.halted = f"no status packet for {SILENT} s"
             return "the status packet of this tick is lost"
-        self._begun = self._heard
+        self._last = self._heard
         self.measured = self._axes.to_radians(status.joint_angle_deg)
         if refused := self._refused(status):
             self.halted = self.halted or refused
@@ -205,8 +209,11 @@ class FanucStream:
             if status is None or not all(np.isfinite(status.joint_angle_deg)):
                 continue
             ahead = None if self._seen is None else (status.sequence_no - self._seen) & 0xFFFF_FFFF
-            if ahead is None or 0 < ahead < 0x8000_0000:  # neither a duplicate nor late
-                self._seen, found = status.sequence_no, status
+            if ahead is not None and not 0 < ahead < 0x8000_0000:  # a duplicate, or overtaken
+                continue
+            self._seen = status.sequence_no
+            if self._clock() - self._heard >= LATE * self.guard.dt:  # else its tick went on without it
+                found = status
 
     def _refused(self, status: Any) -> str:
         """Why the controller does not let the arm move, or nothing."""
