@@ -1085,7 +1085,7 @@ MUTANTS = [
         "keypoints: places are the filter's",
         "room = np.maximum(self._allowed - error, 0.0)",
         "room = np.full_like(error, np.inf)",
-        "inside_of",
+        "keep_the_promise",
     ),
     _seen(
         "keypoints: what is held is new", "self.stamp[k] = stamp - late", "self.stamp[k] = stamp", "wrist or inside_of"
