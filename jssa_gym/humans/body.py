@@ -53,6 +53,10 @@ class Body:
         return CapsuleSet(out[0], out[1], out[2], out[3], self.radius, NAMES, self.person)
 
 
+NO_LINKS = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+"""An arm's capsules, starts, ends and radii, to who does not look at it."""
+
+
 def nobody() -> CapsuleSet:
     """No capsule at all."""
     empty = np.zeros((0, 3))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.humans.acceleration import HAND, acceleration_bound
-from jssa_gym.humans.body import NAMES, Body
+from jssa_gym.humans.body import NAMES, NO_LINKS, Body
 from jssa_gym.humans.motion import CLEARANCE, STILL, HumanMotion, Point, check_clearance
 from jssa_gym.kernels.limbs import (
     FLICKS,
@@ -111,7 +111,7 @@ class Gesturer(HumanMotion):
         return self.record[0]
 
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
-        links = robot.start, robot.end, robot.radius
+        links = (robot.start, robot.end, robot.radius) if self.reacts else NO_LINKS
         chosen = step_gesture(self.record, self.limbs, dt, *links)
         gesture = self.record[0]
         while not chosen and self._rng is not None:

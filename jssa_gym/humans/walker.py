@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.humans.body import Body
+from jssa_gym.humans.body import NO_LINKS, Body
 from jssa_gym.humans.motion import Point, Walk
 from jssa_gym.kernels.records import records
 from jssa_gym.kernels.walkers import WALKER, choose, step_walker
@@ -40,7 +40,8 @@ class Walker(Walk):
 
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
         body = self.body
-        if not step_walker(self.record, body.start, body.end, dt, robot.start, robot.end, robot.radius, body.radius):
+        links = (robot.start, robot.end, robot.radius) if self.reacts else NO_LINKS
+        if not step_walker(self.record, body.start, body.end, dt, *links, body.radius):
             return self._stands(self._next_velocity(dt))
         x, y = self.record[0]["velocity"].tolist()
         return self._stands((x, y))

@@ -14,6 +14,7 @@ from jssa_gym.entry_points import make_vector
 from jssa_gym.envs.vector import VectorArmEnv
 from jssa_gym.evaluation.record_vector import VectorRecordSafety
 from jssa_gym.registration import ENTRIES
+from jssa_gym.shields.vector import VectorShield
 from jssa_gym.train.config import TrainConfig
 from jssa_gym.train.environment import ENDINGS
 from jssa_gym.types import Array
@@ -47,6 +48,7 @@ class ArmVecEnv(VecEnv):
         # an episode that ends while an action is repeated waits for the others
         arms.waits = True
         self._env = VectorRecordSafety(made)
+        self._shield = made if isinstance(made, VectorShield) else None
         self._commands = None
         if config.control != "jerk":
             self._commands = VectorCommands(arms.robot, config.control, config.share)
@@ -77,7 +79,7 @@ class ArmVecEnv(VecEnv):
         """Apply every action for its ticks, or to the end of its episode."""
         count, total = self.num_envs, np.zeros(self.num_envs)
         running, last, success = np.ones(count, np.bool_), np.zeros(count), np.zeros(count, np.bool_)
-        ends, safety = np.zeros((2, count), np.bool_), [None] * count
+        ends, safety, reasons = np.zeros((2, count), np.bool_), [None] * count, [""] * count
         for _ in range(self._config.ticks):
             observations, rewards, terminated, truncated, infos = self._env.step(self._jerk())
             change = _change(infos)
@@ -88,6 +90,8 @@ class ArmVecEnv(VecEnv):
             success |= running & infos["is_success"]
             over = running & (terminated | truncated)
             ends[:, over] = terminated[over], truncated[over]
+            if self._shield is not None and over.any():
+                reasons = [new if o else old for o, new, old in zip(over, self._shield.reasons(), reasons, strict=True)]
             for e in np.flatnonzero(over).tolist():
                 safety[e] = {name: array[e].item() for name, array in infos["safety"].items() if name[0] != "_"}
             running &= ~over
@@ -98,7 +102,11 @@ class ArmVecEnv(VecEnv):
         seen, done = self._observed(observations, last), ~running
         told = [{"TimeLimit.truncated": False} for _ in range(count)]
         for e in np.flatnonzero(done).tolist():
-            told[e] = self._end(e, bool(ends[1, e] and not ends[0, e]), bool(success[e]), seen[e].copy(), safety[e])
+            cut = bool(ends[1, e] and not ends[0, e])
+            told[e] = self._end(e, cut, bool(success[e]), seen[e].copy()) | {
+                "safety": safety[e],
+                "shield/reason": reasons[e],
+            }
         if done.any():
             observations, _ = self._env.reset(options={"reset_mask": done})
             last[done] = 0.0
@@ -116,7 +124,7 @@ class ArmVecEnv(VecEnv):
             return observations
         return np.concatenate([observations, last[:, None].astype(np.float32)], axis=1)
 
-    def _end(self, e: int, cut: bool, success: bool, seen: NDArray[np.float32], safety: Any) -> dict[str, Any]:
+    def _end(self, e: int, cut: bool, success: bool, seen: NDArray[np.float32]) -> dict[str, Any]:
         """What is told of an episode that ended; as Stable-Baselines3's ``Monitor`` and ``DummyVecEnv`` tell it."""
         episode = {
             "r": round(float(self._returns[e]), 6), "l": int(self._lengths[e]),
@@ -125,7 +133,6 @@ class ArmVecEnv(VecEnv):
         self._returns[e], self._lengths[e] = 0.0, 0
         return {
             "TimeLimit.truncated": cut, "terminal_observation": seen, "episode": episode, "is_success": success,
-            "safety": safety,
         }  # fmt: skip
 
     def close(self) -> None:

@@ -5,9 +5,11 @@ import dataclasses
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 import jssa_gym
 from jssa_gym.evaluation import RecordSafety, StepSummary, rollout, summarise
+from jssa_gym.evaluation.record_vector import VectorRecordSafety
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.policies import POLICIES
 
@@ -129,3 +131,41 @@ def test_what_it_cannot_record_is_refused():
         RecordSafety(make().env, buffer_length=0)
     with pytest.raises(ParameterError, match="v_safe"):
         RecordSafety(make().env, v_safe=-1.0)
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("shield", [None, {}])
+def test_a_vector_tells_what_single_environments_tell(mode, shield):
+    count, steps = 3, 25
+    arguments = {"human": "pursuit", "terminate_on": (), "max_episode_steps": steps}
+    made = gym.make_vec("jssa_gym/Reach-v0", count, shield=shield, autoreset_mode=mode.value, **arguments)
+    vector = VectorRecordSafety(made)
+
+    def single():
+        env = gym.make("jssa_gym/Reach-v0", **arguments)
+        return RecordSafety(env if shield is None else jssa_gym.JSSAShield(env, **shield))
+
+    singles = gym.vector.SyncVectorEnv([single] * count, autoreset_mode=mode)
+    vector.reset(seed=2), singles.reset(seed=2)
+    told = 0
+    for k in range(80):
+        actions = np.sin(0.1 * k) * np.ones((count, 6))
+        infos, alone = vector.step(actions)[4], singles.step(actions)[4]
+        infos, alone = infos.get("final_info", infos), alone.get("final_info", alone)
+        assert ("safety" in infos) == ("safety" in alone)
+        if "safety" in infos:
+            told += 1
+            np.testing.assert_array_equal(infos["_safety"], alone["_safety"])
+            assert set(infos["safety"]) == set(alone["safety"])
+            for name, value in infos["safety"].items():
+                np.testing.assert_array_equal(value, alone["safety"][name], err_msg=name)
+            if mode == AutoresetMode.DISABLED:
+                for env in (vector, singles):
+                    env.reset(options={"reset_mask": np.ones(count, np.bool_)})
+    assert told == 3
+    assert len(vector.recent) == 3 * count
+
+
+def test_a_vector_of_another_package_is_refused():
+    with pytest.raises(InterfaceError, match="VectorArmEnv"):
+        VectorRecordSafety(gym.make_vec("jssa_gym/Reach-v0", 2, vectorization_mode="sync"))

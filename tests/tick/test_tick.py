@@ -19,6 +19,8 @@ from jssa_gym.kernels.motion import integrate
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, JSSAFilter, NoFilter, make_filter
 from jssa_gym.shields.batch import Batch
+from jssa_gym.shields.reasons import reason_code
+from jssa_gym.shields.words import reason_codes
 from jssa_gym.types import CapsuleSet, Decision, JointState, Status
 
 DT = 0.008
@@ -157,6 +159,8 @@ def test_many_arms_decide_as_each_of_them_would_alone(robot, make_scene, kind, l
             same(told[name], np.array([getattr(decision, name) for decision in decisions]), f"{what}: {name}")
         assert list(zip(told["row"], told["column"], strict=True)) == [decision.pair for decision in decisions]
         same(told, np.array([filter.records.answer.told[0] for filter in alone]), what)
+        numbers = reason_codes(told, np.isfinite(nominals).all(axis=1), layers != "bare")
+        assert numbers.tolist() == [reason_code(decision) for decision in decisions], what
         for name in ("arm", "state", "expected", "applied", "stored"):
             each = np.array([getattr(filter.records.memory, name)[0] for filter in alone])
             same(getattr(together.memory, name), each, f"{what}: {name}")

@@ -121,7 +121,8 @@ def test_it_trains_inside_the_shield_and_the_same_seed_gives_the_same_bits(ppo, 
     args = ppo.Args(total_timesteps=512, num_envs=2, num_steps=256, update_epochs=1, save=tmp_path / "agent.pt")
     envs = ppo.make_envs(args)
     layers = str(envs.envs[0])
-    assert re.match(r"<ClipAction<RecordEpisodeStatistics<ActionRepeat<RecordSafety<JSSAShield<", layers)
+    assert re.match(r"<ClipAction<RecordEpisodeStatistics<ActionRepeat<RecordSafety<TimeLimit<OrderEnforcing<", layers)
+    assert "<JSSAShield<ArmEnv" in layers
     envs.close()
     ppo.train(args)
     told = capsys.readouterr().out
