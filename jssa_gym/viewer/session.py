@@ -11,7 +11,7 @@ from jssa_gym.evaluation.people import make_person
 from jssa_gym.humans import HumanMotion
 from jssa_gym.types import Trace
 from jssa_gym.viewer.choices import DRAGGED, Choices
-from jssa_gym.viewer.person import SameAs, Dragged
+from jssa_gym.viewer.person import Dragged, SameAs
 from jssa_gym.viewer.side import Side
 from jssa_gym.viewer.snapshot import Snapshot
 

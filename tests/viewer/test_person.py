@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import nobody
 from jssa_gym.humans.body import NAMES
-from jssa_gym.viewer.person import HANDS, SameAs, Dragged
+from jssa_gym.viewer.person import HANDS, Dragged, SameAs
 
 DT = 0.008
 CORE, HAND = NAMES.index("core_body"), NAMES.index("right_arm")
