@@ -15,7 +15,7 @@ from jssa_gym.viewer.person import Dragged, SameAs
 from jssa_gym.viewer.side import Side
 from jssa_gym.viewer.snapshot import Snapshot
 
-REST = 1.0
+PAUSE = 1.0
 """For so long the arm is shown at its goal before the next episode begins [s]."""
 
 FACTORS = (0.1, 0.25, 0.5, 1.0, 2.0)
@@ -116,7 +116,7 @@ class Session:
         for side in self._sides:
             side.step()
         self.number += 1
-        if self.again and all(side.succeeded * DT >= REST for side in self._sides) and self.choices.task != "home":
+        if self.again and all(side.succeeded * DT >= PAUSE for side in self._sides) and self.choices.task != "home":
             self.reset(self.seed + 1)
 
     def snapshot(self, answered: int = 0, message: str = "") -> Snapshot:

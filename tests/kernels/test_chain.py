@@ -83,7 +83,10 @@ class Arm:
         self.sim = mujoco.MjModel.from_xml_path(str(path))
         self.data = mujoco.MjData(self.sim)
         n = self.sim.nq
-        self.robot = robot or RobotModel.from_mjcf(path, velocity=np.ones(n), acceleration=np.ones(n), jerk=np.ones(n))
+        # what these arms draw is nobody's business: they are about where things are
+        joints = [self.sim.joint(j).name for j in range(self.sim.njnt)]
+        limits = {name: np.ones(n) for name in ("velocity", "acceleration", "jerk")}
+        self.robot = robot or RobotModel.from_mjcf(path, **limits, uncovered=joints)
         self.geoms = [self.sim.geom(name).id for name in self.robot.capsule_names]
 
     @property
