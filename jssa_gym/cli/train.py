@@ -78,9 +78,9 @@ class Train:
     """Environments that are stepped together; None: as tuned."""
     processes: bool = False
     """Whether every environment has a process of its own."""
-    vector: bool | None = None
-    """Whether all environments are stepped in one compiled call, which gives the same sooner; None: with ppo, unless
-    they have processes."""
+    vector: bool = True
+    """Whether all environments are stepped in one compiled call, which gives the same sooner, unless they have
+    processes or learn_from is executed or both."""
     interval: int | None = None
     """Policy steps between checkpoints; None: as tuned."""
     eval_episodes: int | None = None
@@ -114,7 +114,7 @@ class Train:
             shield=self.shield,
             seed=self.seed,
             processes=self.processes,
-            vector=self.vector,
+            vector=None if self.vector else False,
             robot=self.robot,
             **given,
         )

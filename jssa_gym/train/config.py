@@ -66,8 +66,8 @@ class TrainConfig:
     processes: bool = False
     """Whether every environment has a process of its own; it pays from about four cores on."""
     vector: bool | None = None
-    """Whether all environments are stepped in one compiled call, which gives the same sooner; None: with PPO, where
-    nothing speaks against it."""
+    """Whether all environments are stepped in one compiled call, which gives the same sooner; None: unless
+    there are processes, or executed actions to learn from."""
     interval: int = 50_000
     """Policy steps between checkpoints, which are also the points of evaluation."""
     eval_episodes: int = 20
@@ -137,7 +137,7 @@ class TrainConfig:
     @property
     def steps_as_vector(self) -> bool:
         """Whether environments are stepped in one compiled call."""
-        return isinstance(self.settings, PPO) and not self.processes if self.vector is None else self.vector
+        return not (self.processes or self.stores_executed) if self.vector is None else self.vector
 
     @property
     def penalises(self) -> bool:

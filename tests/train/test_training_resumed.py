@@ -15,6 +15,7 @@ pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not instal
 
 from trainings import results, tiny
 
+from jssa_gym.cli.train import Train
 from jssa_gym.exceptions import CheckpointError, ParameterError
 from jssa_gym.train import loop, train
 from jssa_gym.train.history import as_rows
@@ -262,25 +263,28 @@ VECTORISED = {
     "jerk": {"task": "track", "control": "jerk", "ticks": 3, "observe_intervention": True},
     "unshielded": {"control": "position", "shield": False, "human": "pursuit"},
     "one tick": {"control": "velocity", "ticks": 1, "envs": 4, "human": "hand"},
+    "sac": {"control": "velocity"},
 }
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", VECTORISED)
 def test_a_vector_gives_the_same_bits(tmp_path, kind):
-    config = tiny(**{"steps": 128, "ticks": 50} | VECTORISED[kind])
+    config = tiny("sac" if kind == "sac" else "ppo", **{"steps": 128, "ticks": 50} | VECTORISED[kind])
     single = train(replace(config, vector=False), tmp_path / "one by one")
     vector = train(replace(config, vector=True), tmp_path / "together")
     assert results(tmp_path / "one by one") == results(tmp_path / "together")
     assert kind not in ("velocity", "unshielded") or single.history[-1].episodes == vector.history[-1].episodes > 0
 
 
-def test_a_vector_is_what_ppo_has_and_others_ask_for():
+def test_a_vector_is_what_there_is_where_it_can_be():
     assert tiny().steps_as_vector
+    assert tiny("sac").steps_as_vector
     assert not tiny(processes=True).steps_as_vector
     assert not tiny(vector=False).steps_as_vector
-    assert not tiny("sac").steps_as_vector
-    assert tiny("sac", vector=True).steps_as_vector
+    assert not tiny("sac", learn_from="executed").steps_as_vector
+    assert Train(task="reach").config().steps_as_vector
+    assert not Train(task="reach", vector=False).config().steps_as_vector
     with pytest.raises(ParameterError, match="either vector or processes"):
         tiny(vector=True, processes=True)
     with pytest.raises(ParameterError, match="executed"):
