@@ -88,13 +88,13 @@ def replace_actions(jerk, bound, which, fraction, correction):
 
 
 @jit
-def move_all(body, ends, radius, live, before, jerk, dt, seen, out):
+def move_all(body, people, live, before, jerk, dt, seen, out):
     """:func:`~jssa_gym.tick.move.move` for every arm that is ``live``, shape (E,).
 
     Args:
         body: The arm that all are alike.
-        ends: Starts, ends and their velocities of human capsules, shape (E, 4, k, 3) [m, m/s].
-        radius: Theirs, shape (E, k) [m].
+        people: Two arrays: starts, ends and their velocities of human capsules, shape (E, 4, k, 3) [m, m/s], and their
+            radii, shape (E, k) [m].
         live: Shape (E,).
         before: Joint states, shape (E, 3, n); the results too.
         jerk: Shape (E, n) [rad/s³].
@@ -102,12 +102,12 @@ def move_all(body, ends, radius, live, before, jerk, dt, seen, out):
         seen: Scratch.
         out: A :class:`Measured`, the results.
     """
-    after = np.empty(before.shape[1:])
+    after, (ends, radius) = np.empty(before.shape[1:]), people
     for e in range(before.shape[0]):
         if not live[e]:
             continue
-        people = People(ends[e, 0], ends[e, 1], ends[e, 2], ends[e, 3], radius[e])
-        _, _, distance, contact_speed, tip_speed, violation = move(body, people, before[e], jerk[e], dt, after, seen)
+        own = People(ends[e, 0], ends[e, 1], ends[e, 2], ends[e, 3], radius[e])
+        _, _, distance, contact_speed, tip_speed, violation = move(body, own, before[e], jerk[e], dt, after, seen)
         before[e] = after
         out.distance[e], out.contact_speed[e] = distance, contact_speed
         out.tip_speed[e], out.violation[e] = tip_speed, violation

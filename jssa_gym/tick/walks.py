@@ -9,7 +9,7 @@ from jssa_gym.kernels.walkers import PURSUES, step_walker
 
 
 @jit
-def walk_all(walkers, start, end, radius, live, dt, segments, ends, stuck):
+def walk_all(walkers, start, end, radius, live, dt, segments, out):
     """:func:`~jssa_gym.kernels.walkers.step_walker` for everybody beside an arm that is ``live``, shape (E,).
 
     Args:
@@ -19,12 +19,13 @@ def walk_all(walkers, start, end, radius, live, dt, segments, ends, stuck):
         live: Shape (E,).
         dt: Duration of the step [s].
         segments: The arms' capsules, shape (E, k) of ``SEGMENT``.
-        ends: Result, capsules in the world: starts, ends, their velocities, shape (E, 4, m, 3).
-        stuck: Result, the numbers of those who need random numbers before they can go on, shape (E,).
+        out: Results, two arrays: capsules in the world, which are starts, ends and their velocities, shape (E, 4, m, 3),
+            and the numbers of those who need random numbers before they can go on, shape (E,).
 
     Returns:
-        How many are stuck.
+        How many need them.
     """
+    ends, stuck = out
     count, links = 0, segments.shape[1]
     link_start, link_end, link_radius = np.empty((links, 3)), np.empty((links, 3)), np.empty(links)
     for e in range(walkers.shape[0]):
@@ -57,11 +58,12 @@ def take_links(segments, start, end, radius):
 
 
 @jit
-def gesture_all(gestures, limbs, start, end, live, dt, segments, ends, stuck):
+def gesture_all(gestures, limbs, start, end, live, dt, segments, out):
     """:func:`~jssa_gym.kernels.limbs.step_gesture` for everybody beside an arm that is ``live``.
 
     ``gestures`` are of shape (E,) of ``GESTURE``, ``limbs`` (E, 2) of ``LIMB``; the rest as of :func:`walk_all`.
     """
+    ends, stuck = out
     count, links = 0, segments.shape[1]
     link_start, link_end, link_radius = np.empty((links, 3)), np.empty((links, 3)), np.empty(links)
     for e in range(gestures.shape[0]):

@@ -250,7 +250,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         self._steps[live] += 1
         self.time = self._steps * self.dt
         body, scratch = one._around.pointers
-        move_all(body, crowd.ends, crowd.radius, live, self.state, jerk, self.dt, scratch, seen)
+        move_all(body, (crowd.ends, crowd.radius), live, self.state, jerk, self.dt, scratch, seen)
         moments = Moments(self.state[:, 0], self.state[:, 1], seen.tip[:, 0], seen.tip_speed)
         task.advance(moments, crowd.ends, live, self.dt)
         value = task.value(moments)

@@ -125,7 +125,7 @@ class Walkers(DrawnAhead):
 
     def step(self, live: Mask, dt: float, segments: NDArray[Any], names: tuple[str, ...]) -> None:
         walkers, start, end = self._records, self._start, self._end
-        stuck = walk_all(walkers, start, end, self.radius[0], live, dt, segments, self.ends, self._stuck)
+        stuck = walk_all(walkers, start, end, self.radius[0], live, dt, segments, (self.ends, self._stuck))
         for e in self._stuck[:stuck].tolist():
             self._draw_ahead(e)
             while not choose(walkers[e : e + 1], dt):
@@ -149,7 +149,7 @@ class Gesturers(DrawnAhead):
 
     def step(self, live: Mask, dt: float, segments: NDArray[Any], names: tuple[str, ...]) -> None:
         people, limbs, start, end = self._records, self._limbs, self._start, self._end
-        stuck = gesture_all(people, limbs, start, end, live, dt, segments, self.ends, self._stuck)
+        stuck = gesture_all(people, limbs, start, end, live, dt, segments, (self.ends, self._stuck))
         for e in self._stuck[:stuck].tolist():
             robot = _capsules(segments[e], names) if segments.shape[1] else nobody()
             self._draw_ahead(e)
