@@ -33,7 +33,7 @@ class AuditLog:
     """Say what a shield would have made of a logged motion beside people: whether it intervenes, when, why, how long.
 
     The folder gets report.html, audit.json, audit.png and safe.csv, the motion with the shield. The exit code is 1 if
-    the shield would have intervened.
+    the shield would have intervened. A log of a minute takes some seconds.
     """
 
     log: Annotated[Path, tyro.conf.Positional]

@@ -38,7 +38,7 @@ PORT = 8765
 class ViewCommand:
     """Open a page on which a person is dragged by the mouse beside a shielded arm; Ctrl-C ends it.
 
-    Only this machine can open it, unless --host and --token say otherwise.
+    Only this machine can open it, unless --host and --token say otherwise. It takes some seconds to begin.
     """
 
     task: Annotated[str, TASK] = "reach"

@@ -178,7 +178,7 @@ def test_a_counter_examples_name_is_shown(hostile_trace, here):
 
 
 def test_the_names_of_a_robots_parts_are_shown_and_stay_in_the_folder(toy_mjcf, tmp_path, here):
-    toy_mjcf.write_text(toy_mjcf.read_text().replace('name="third"', 'name="../../[/red]&#27;[2J"'))
+    toy_mjcf.write_text(toy_mjcf.read_text().replace('name="third"', 'name="../../[/red]&#x202e;[2J"'))
     words = (
         "--robot",
         toy_mjcf,
@@ -193,7 +193,7 @@ def test_the_names_of_a_robots_parts_are_shown_and_stay_in_the_folder(toy_mjcf, 
     code, out, err = here("certify", *words)
     assert code in (0, 1), err
     assert obedient(out + err) == set()
-    assert "[/red]\\x1b[2J" in out
+    assert "[/red]\\u202e[2J" in out
     assert {path.name for path in tmp_path.iterdir()} == {"toy.xml", "toy.limits.toml", "deep"}
 
 

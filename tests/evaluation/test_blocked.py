@@ -194,7 +194,7 @@ def test_a_training_ends_early_with_the_reason(broken_jssa, tmp_path, interval, 
         assert so_far <= steps, "it goes on"
 
     with pytest.raises(BlockedError, match=r"every decision of the shield is a FAULT.*out of order"):
-        train(tiny(steps=2**20, interval=interval, ticks=10), tmp_path, watch=watch)
+        train(tiny(steps=2**20, interval=interval, ticks=10, vector=False), tmp_path, watch=watch)
     assert not (tmp_path / "best.npz").exists()
 
 

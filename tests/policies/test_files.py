@@ -672,7 +672,7 @@ class TestNames:
 
 
 def layers_of(shield) -> dict:
-    inside = shield.filter
+    inside = shield.get_wrapper_attr("filter")
     return {
         "filter": type(inside).__name__,
         "viability": inside.viability,

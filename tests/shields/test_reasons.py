@@ -30,8 +30,8 @@ CODES = {value: name for name, value in vars(codes).items() if isinstance(value,
 INDIRECT = {"TRUST", "FOREIGN", "OTHER_TICK"}
 """The first of several; an answer that somebody else words; a reason that has no number."""
 
-BY_WAY_OF = {"NOT_FINITE_PEOPLE", "UNVERIFIED"}
-"""Reckoned from the first of its kind; said of others."""
+BY_WAY_OF = {"NOT_FINITE_PEOPLE"}
+"""Reckoned from the first of its kind."""
 
 
 def code_of(reason, status):

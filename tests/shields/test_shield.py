@@ -1197,7 +1197,7 @@ def test_torch_tensors(shielded, name):
 
 @pytest.mark.parametrize("count", [400, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_random_bits_as_actions(count):
-    env = JSSAShield(gym.make("jssa_gym/ReachShielded-v0", terminate_on=()).env)
+    env = JSSAShield(gym.make("jssa_gym/Reach-v0", terminate_on=()))
     env.reset(seed=0)
     rng, faults = np.random.default_rng(0), 0
     for k in range(count):
