@@ -27,6 +27,9 @@ INSTALL = "pip install 'jssa-gym[ray]', or pip install -e '.[ray]' in a clone"
 _AGAIN = 3
 """How often a chunk is begun anew whose worker died."""
 
+_begun: "list[Cluster]" = []
+"""The clusters that this process was with, the present one last; one that a user began is none of them."""
+
 _LISTEN = 0.2
 """How long Ctrl-C may go unheard [s]."""
 
@@ -111,11 +114,16 @@ class Cluster:
             raise MissingExtraError(f"Ray is not installed: {INSTALL}") from error
         if not ray.is_initialized():
             here: dict[str, Any] = {"num_cpus": self.jobs, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
-            where = here if self.address is None else {"address": self.address}
+            where: dict[str, Any] = {"address": "local", **here} if self.address is None else {"address": self.address}
             try:
                 ray.init(**where, configure_logging=False, log_to_driver=False)
             except Exception as error:  # of many kinds, by what is wrong with the cluster
                 raise WorkerError(f"no Ray cluster at {self.address or 'this machine'}: {error}") from error
+            _begun.append(self)
+        elif _begun and _begun[-1] != self:
+            raise WorkerError(
+                f"this process is with {_begun[-1]} already, and cannot be with {self}: ray.shutdown() first"
+            )
         return ray
 
 

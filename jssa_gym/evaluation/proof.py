@@ -11,6 +11,7 @@ from jssa_gym.kernels.chain import forward, jacobian, place
 from jssa_gym.kernels.records import FRAME, SEGMENT, records
 from jssa_gym.policies import POLICIES
 from jssa_gym.robots import RobotModel
+from jssa_gym.robots.coverage import TOLERATED
 from jssa_gym.robots.prepare import Examination
 from jssa_gym.robots.prepare.agreement import cover_of, kinematic_error
 from jssa_gym.robots.prepare.posture import some_postures
@@ -71,7 +72,7 @@ class Proof:
         kept = all(
             one.agrees and not (one.moving_contacts or one.limit_violations or one.collisions) for one in self.episodes
         )
-        return self.kinematic_error <= 1e-12 and self.uncovered <= 1e-3 and kept
+        return self.kinematic_error <= 1e-12 and self.uncovered <= TOLERATED and kept
 
 
 def prove(arm: Examination, robot: RobotModel, steps: int = STEPS, opponents: tuple[str, ...] = OPPONENTS) -> Proof:

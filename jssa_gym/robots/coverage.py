@@ -15,8 +15,8 @@ from jssa_gym.types import Array
 if TYPE_CHECKING:
     import mujoco
 
-_TURNS = 25
-"""Angles of a joint, from one end of its range to the other, at which a link is looked at beside the one before it."""
+_TURN = np.radians(2.0)
+"""Between the angles of a joint at which a link is looked at beside the one before it, at most [rad]."""
 
 _ROUND = 24
 """Points on a rim."""
@@ -219,7 +219,9 @@ def _farthest(
 ) -> Array:
     """The largest of :func:`_gaps` of every point while one joint turns, the others at home, shape (p,) [m]."""
     farthest = np.full(len(points), -np.inf)
-    for turn in np.linspace(*model.jnt_range[joint], _TURNS):
+    low, high = model.jnt_range[joint]
+    span = min(high - low, 2.0 * np.pi)  # what comes after a whole turn was there before
+    for turn in np.linspace(low, low + span, int(np.ceil(span / _TURN)) + 1):
         _pose(model, data, home, joint, turn)
         farthest = np.maximum(farthest, _gaps(model, data, capsules, body, points))
     return farthest

@@ -11,6 +11,7 @@ from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.shields.batch import Batch
 from jssa_gym.shields.environment import refuse_misfit
 from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.people import tell_of_fast_people
 from jssa_gym.shields.shield import INTERVENES, JSSAShield, Shield
 from jssa_gym.shields.words import Told, in_words, kind_of, reason_codes
 from jssa_gym.tick import codes, layout
@@ -60,6 +61,8 @@ class VectorShield(VectorWrapper):
                 f"{type(filter).__name__} proposes in Python, one arm at a time: take a filter by its name, with the "
                 "exact projector, or vectorization_mode='sync' and a Shield around each environment"
             )
+        if filter.failsafe is not None:
+            tell_of_fast_people(one, filter.failsafe)
         self.filter = filter
         """How every arm is looked after; it decides nothing itself."""
         settings, planes = filter.settings(), self._arms.planes

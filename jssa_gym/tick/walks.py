@@ -19,8 +19,8 @@ def walk_all(walkers, start, end, radius, live, dt, segments, out):
         live: Shape (E,).
         dt: Duration of the step [s].
         segments: The arms' capsules, shape (E, k) of ``SEGMENT``.
-        out: Results, two arrays: capsules in the world, which are starts, ends and their velocities, shape (E, 4, m, 3),
-            and the numbers of those who need random numbers before they can go on, shape (E,).
+        out: Results, two arrays: capsules in the world (starts, ends and their velocities, shape (E, 4, m, 3)) and the
+            numbers of those who need random numbers before they can go on, shape (E,).
 
     Returns:
         How many need them.

@@ -167,6 +167,11 @@ def test_every_robot_is_as_alone(robot):
     Pair(2, "reach", "jssa", robot=robot, human="walk_by", limit=30).play(50)
 
 
+@pytest.mark.parametrize("dt", [0.004, 0.02])
+def test_every_control_step_is_as_alone(dt):
+    Pair(2, "reach", {}, dt=dt, human="walk_by").play(90)
+
+
 @pytest.mark.parametrize("ending", ["contact", "limit_violation"])
 def test_every_ending_is_as_alone(ending):
     pair = Pair(3, "home", human="pursuit", terminate_on=(ending,), limit=300)

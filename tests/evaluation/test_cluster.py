@@ -70,6 +70,12 @@ def test_a_machine_with_another_version_is_refused(monkeypatch):
         run(picklable.killed, [0], TWO, print)
 
 
+def test_one_process_is_with_one_cluster():
+    run(picklable.failing_at_seven, [[1]], TWO, print)
+    with pytest.raises(WorkerError, match=r"is with .*jobs=2.* already"):
+        run(picklable.failing_at_seven, [[1]], Cluster(3), print)
+
+
 WORK = """
 from picklable import lasting
 from jssa_gym.evaluation import Cluster

@@ -214,7 +214,7 @@ def test_it_follows_a_goal_that_moves():
 def test_an_unreachable_goal_leaves_the_arm_at_rest(robot, caplog):
     caplog.set_level("INFO", logger="jssa_gym")
     env = gym.make("jssa_gym/Reach-v0", human="none", terminate_on=())
-    _, states = drive(env, JPCPolicy(env, 0), 300, options={"goal": [3.0, 0.0, 1.0]})
+    _, states = drive(env, JPCPolicy(env, 0), 300, options={"goal": [0.3, 0.0, 0.3]})
     np.testing.assert_array_equal(states[-1, 0], robot.home)
     assert "no posture" in caplog.text
 

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from jssa_gym.envs.arm import MOVING, ArmEnv
+from jssa_gym.envs.arm import DT, MOVING, ArmEnv
 from jssa_gym.envs.tasks import Task
 from jssa_gym.envs.vector.options import checked_mask, checked_mode, checked_seeds, refuse_singular
 from jssa_gym.envs.vector.people import beside, refuse_foreign
@@ -40,7 +40,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
 
     Args:
         num_envs: How many.
-        task, human, scene, robot, terminate_on, d_min: As of :class:`~jssa_gym.ArmEnv`.
+        task, human, scene, robot, terminate_on, d_min, dt: As of :class:`~jssa_gym.ArmEnv`.
         dynamics: ``"kinematic"``; MuJoCo simulates one arm at a time.
         max_episode_steps: Steps after which an episode is truncated; None for never.
         autoreset_mode: When those that are over begin anew, an ``AutoresetMode`` or its value.
@@ -62,6 +62,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         robot: str | Path | RobotModel = "lr_mate_200id_7l",
         terminate_on: Sequence[str] = ("success", "moving_contact"),
         d_min: float = 0.05,
+        dt: float = DT,
         max_episode_steps: int | None = HORIZON,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
@@ -72,7 +73,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self._limit = np.inf if max_episode_steps is None else positive_integer("max_episode_steps", max_episode_steps)
         self.prototype = one = ArmEnv(
-            task, human=human, scene=scene, robot=robot, terminate_on=terminate_on, d_min=d_min
+            task, human=human, scene=scene, robot=robot, terminate_on=terminate_on, d_min=d_min, dt=dt
         )  # fmt: skip
         """A single environment like all of them: what begins their episodes."""
         refuse_foreign(one.human)
