@@ -32,7 +32,10 @@ SMALL = {
 }
 """Counts that make minutes of a page, and what they are here."""
 
-COMPILED = {"training_elsewhere.md": "needs ray[rllib] in an environment of its own"}
+COMPILED = {
+    "training_elsewhere.md": "needs ray[rllib] in an environment of its own",
+    "controller.md": "needs drives and a controller; examples/own_controller.py is the same loop with pretended ones",
+}
 """Pages whose blocks are not run, and why."""
 
 NEEDS = {"policies.md": "stable_baselines3", "training.md": "stable_baselines3", "README.md": "stable_baselines3"}
