@@ -8,6 +8,7 @@ import numpy as np
 from jssa_gym.kernels.rest import at_rest
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.reading import words_of
+from jssa_gym.shields.records import ONE
 from jssa_gym.shields.reasons import FAULTS
 from jssa_gym.shields.words import Told
 from jssa_gym.tick import loop
@@ -74,7 +75,7 @@ class InPlace:
             filter._reading.read(scene)
             view = filter.records.view
             view.nominal[0] = nominal
-            loop.decide_all(view.arms, view.nominal)
+            loop.decide_all(view.arms, view.nominal, ONE)
             decided = True
             numbers = view.told.item()
             status, margin = _STATUSES[numbers[0]], numbers[-1]

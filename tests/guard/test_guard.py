@@ -514,7 +514,7 @@ def test_the_control_step_itself_may_fail(monkeypatch):
     run(guard, 40)
     moving = guard.state.velocity.copy()
 
-    def broken(arms, nominal):
+    def broken(arms, nominal, asked):
         raise MemoryError("no room")
 
     monkeypatch.setattr(jssa_gym.shields.inplace.loop, "decide_all", broken)
