@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 
 import jssa_gym
-from jssa_gym import Guard, JointPosition, JointVelocity, Status
+from jssa_gym import Guard, JointPosition, JointVelocity, MeasuredPeople, Status
 from jssa_gym.exceptions import MissingExtraError, ParameterError, StreamError
 from jssa_gym.hardware.fanuc import LR_MATE, Axes, FanucStream, Program, Tables, UdpLink
 from jssa_gym.humans import nobody
 from jssa_gym.robots import lr_mate_200id_7l
+from jssa_gym.types import CapsuleSet
 
 fake_crx = pytest.importorskip("airo_fanuc.testing.fake_crx")
 wire = pytest.importorskip("airo_fanuc.testing.wire")
 
 DT = 0.008
 HOME = np.degrees(lr_mate_200id_7l().home)
+STILL = JointVelocity(np.zeros(6))
 LAGGING = {"actuation_lag": 0.6}
 
 
@@ -323,6 +325,33 @@ def test_people_stop_the_streamed_arm_as_any_other(cell):
     assert any("can reach" in a.reason for a in answers)
     assert all(a.override < 1.0 for a in answers)
     one.stream.close()
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_people_grow_older_while_it_waits(cell, measured):
+    one, seen = cell(), []
+    one.stream.connect()
+    ask = one.guard.tick
+    one.guard.tick = lambda command, people, *rest: seen.append((people, *rest)) or ask(command, people, *rest)
+    for _ in range(15):
+        one.fake.clock.advance(0.002)  # what somebody does between two ticks is none of the waiting
+        begun = one.fake.clock.now()
+        who = runner(4.0 - 2.0 * begun)
+        who = MeasuredPeople(who, 0.01) if measured else who
+        assert one.stream.exchange(STILL, who).status != Status.FAULT
+        told, stamp = seen[-1]
+        # whenever it was measured, somebody who runs at the bound is reckoned to be where they may have come to
+        assert stamp - told.age == pytest.approx(begun - 0.01 * measured)
+        assert stamp > begun + 0.5 * DT
+    for odd in ("old", None, [0.0]):
+        answer = one.stream.exchange(STILL, MeasuredPeople(runner(1.5), odd))
+        assert answer.status == Status.FAULT
+
+
+def runner(x):
+    """Somebody's hand at (x, 0, 1.3), that comes for the arm at 2 m/s."""
+    at, velocity = np.array([[x, 0.0, 1.3]]), np.array([[-2.0, 0.0, 0.0]])
+    return CapsuleSet(at, at, velocity, velocity, np.array([0.1]), ("hand",), np.zeros(1, np.int64))
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch):

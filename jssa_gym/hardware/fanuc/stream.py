@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -147,14 +148,20 @@ class FanucStream:
         self.connect(timeout)
 
     def exchange(self, command: Command | None, people: MeasuredPeople | CapsuleSet | None) -> GuardAnswer:
-        """Wait for this tick's status packet, ask the guard, send the position; ``people`` as of the packet's arrival.
+        """Wait for this tick's status packet, ask the guard, send the position.
+
+        Args:
+            command: See :meth:`Guard.tick`.
+            people: See :meth:`Guard.tick`, with ages as of this call: the time that it waits is added to them.
 
         Raises:
             StreamError: The stream is closed.
         """
         if not self._open:
             raise StreamError(f"the stream is closed: {self.halted}")
+        entered = self._clock()
         trouble = self._listen()
+        people = _aged(people, max(self._heard - entered, 0.0))
         answer = self.guard.tick(None if trouble or self.halted else command, people, self._heard)
         if why := trouble or self.halted:
             answer = answer._replace(reason=answer.reason.replace("there is no command", why, 1))
@@ -247,3 +254,15 @@ class FanucStream:
     def _end(self) -> None:
         self._link.send(self._wire.encode_stop_packet(version_no=self._version))
         self._open = False
+
+
+def _aged(people: Any, passed: float) -> Any:
+    """People as they were handed over, some time [s] later; what cannot be read is for the guard to refuse."""
+    if isinstance(people, CapsuleSet):
+        return MeasuredPeople(people, passed)
+    if not isinstance(people, MeasuredPeople):
+        return people
+    try:
+        return replace(people, age=people.age + passed)
+    except Exception:  # whatever was put in the place of an age
+        return people
