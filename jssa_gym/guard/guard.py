@@ -127,6 +127,11 @@ class Guard:
         return JointState(*self._step.state.copy())
 
     @property
+    def failsafe(self) -> FailsafeParams:
+        """Assumptions of the verified stop."""
+        return self._step.failsafe
+
+    @property
     def rests(self) -> bool:
         """Whether the commanded arm is at rest."""
         return self._step.rests

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jssa_gym.kernels.rest import at_rest
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.reading import words_of
 from jssa_gym.shields.records import ONE
@@ -50,6 +51,11 @@ class InPlace:
     def jerk(self) -> Array:
         """The last decision's, shape (n,) [rad/s³]: the filter's own."""
         return self._filter.records.view.jerk
+
+    @property
+    def failsafe(self) -> FailsafeParams:
+        """Assumptions of the verified stop."""
+        return self._filter.failsafe or FailsafeParams()
 
     @property
     def rests(self) -> bool:
