@@ -30,6 +30,8 @@ from jssa_gym.validation import number_within, real_array
 STATE_TOLERANCE = (1e-3, math.inf, math.inf)
 """How far measured joints may be from the commanded ones where the assumptions say nothing: positions [rad] alone."""
 
+HASTY_TICK = "the tick came less than half a tick after the last one: the arm stays at the last position"
+
 
 class Guard:
     """Lets a command through as far as it is safe, tick by tick, by the control step of a shielded environment.
@@ -189,6 +191,10 @@ class Guard:
         """
         if not self._started:
             raise NotStartedError("start(position) has to come before tick()")
+        if self._hasty(stamp):
+            # the drives are to be there already: another step would have them make several in one tick
+            step = self._step
+            return self._answers.make(step.state, step.jerk, Status.FAULT, HASTY_TICK, math.nan, 0.0)
         wrong = self._joins(measured)
         state = self._step.state
         wrong = self._follower.jerk(command, state, self._nominal) or wrong
@@ -212,6 +218,12 @@ class Guard:
             self._begin(self._measuring, self._step.state[0].copy())
         self._watched = True
         return ""
+
+    def _hasty(self, stamp: Any) -> bool:
+        try:
+            return self._rate.hasty(float(stamp))
+        except Exception:  # as below
+            return False
 
     def _clocked(self, stamp: Any) -> str:
         try:

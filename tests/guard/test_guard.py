@@ -270,6 +270,41 @@ def test_a_doubled_tick_is_one_fault():
     assert statuses[-1] == Status.NOMINAL
 
 
+def test_a_loop_that_catches_up_does_not_move_the_arm_any_faster():
+    guard = started()
+    run(guard, 50, people=ball())
+    late = guard.tick(JointVelocity(np.ones(6)), ball(), (49 + 7) * DT)
+    assert late.reason == "the clock leapt ahead of the arm"
+    assert np.abs(late.velocity).max() > 0.1
+    for k in range(1, 7):
+        again = guard.tick(JointVelocity(np.ones(6)), ball(), (49 + 7) * DT + k * 1e-6)
+        assert again.status == Status.FAULT
+        assert "less than half a tick after the last one" in again.reason
+        np.testing.assert_array_equal(again[:4], late[:4])
+        np.testing.assert_array_equal(guard.state, late[:3])
+        assert (again.override, np.isnan(again.margin)) == (0.0, True)
+    after = run(guard, 10, people=ball(), begin=57)
+    assert {a.status for a in after} == {Status.NOMINAL}
+    assert np.abs(after[0].position - late.position).max() < 2.0 * DT * np.abs(late.velocity).max()
+
+
+def test_calls_at_twice_the_rate_and_more_move_the_arm_at_no_more_than_its_own():
+    guard, places = started(), []
+    for k in range(400):
+        places.append(guard.tick(JointVelocity(np.ones(6)), nobody(), k * DT / 4.0).position)
+    assert len({p.tobytes() for p in places}) <= 201
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.05])
+def test_ticks_that_all_come_half_a_tick_late_are_no_jitter(spread):
+    guard, rng, stamp, faults = started(), np.random.default_rng(0), 0.0, 0
+    for _ in range(60):
+        answer = guard.tick(JointVelocity(0.1 * np.ones(6)), nobody(), stamp)
+        faults += "ticks come at" in answer.reason
+        stamp += DT * (1.5 + spread * rng.uniform(-1.0, 1.0))
+    assert faults > 40
+
+
 @pytest.mark.parametrize("jitter", [0.1, 0.3])
 def test_jitter_is_no_fault(jitter):
     guard, rng, stamp = started(), np.random.default_rng(0), 0.0
