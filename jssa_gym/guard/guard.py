@@ -54,7 +54,8 @@ class Guard:
         dt: Control step [s], 0.001 to 0.02: ticks come at 50 to 1,000 Hz.
         profile, horizon, lambda1, lambda2, d_min, rows, recovery, options: See :class:`~jssa_gym.JSSAShield`.
         failsafe: Assumptions of the verified stop, as :class:`~jssa_gym.FailsafeParams` or a mapping of its fields;
-            None for its defaults. Where they leave ``state_tolerance`` at 0, measured positions may be
+            None for its defaults. ``actuation_lag`` has to cover the drives' lag and by how much all ticks of a stop
+            together may be late. Where they leave ``state_tolerance`` at 0, measured positions may be
             :data:`STATE_TOLERANCE` off as soon as some are given.
         scene: ``"table"`` or ``"floor"`` as in the environments, where the robot then stands; or the half-spaces that
             it must stay out of, with the robot standing where its model says.

@@ -219,6 +219,11 @@ def test_people_that_cannot_be_believed_end_in_the_stored_stop(name):
     assert run(guard, 20, people=ball(), begin=160)[-1].status == Status.NOMINAL or name in ("elsewhere",)
 
 
+def test_how_old_people_are_has_to_be_said():
+    with pytest.raises(TypeError, match="age"):
+        MeasuredPeople(ball())
+
+
 def test_a_measurement_ages_with_the_ticks_that_bring_no_new_one():
     guard = started(failsafe={"max_age": 0.1})
     people, reasons = ball(), []
