@@ -10,6 +10,7 @@ from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.people import make_person
 from jssa_gym.exceptions import JSSAGymError
 from jssa_gym.humans import HumanMotion
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.types import Trace
 from jssa_gym.viewer.choices import DRAGGED, Choices
 from jssa_gym.viewer.person import Dragged, SameAs
@@ -168,9 +169,12 @@ class Session:
             return "no verified stop"
         if side.too_fast:
             return side.too_fast
+        return self._doubt_of_people(assumed) or side.robot.unpromised
+
+    def _doubt_of_people(self, assumed: FailsafeParams) -> str:
         if self.choices.human == DRAGGED:
             return "" if self.dragged.clamped else "the person may be faster than assumed"
-        names = side.base.scene.human.names
+        names = self._sides[0].base.scene.human.names  # every side has the same people
         for name in dict.fromkeys(names):
             for speed, bound in zip(self.human.end_speeds_of(name), assumed.end_speeds_of(name), strict=True):
                 if speed > bound * (1.0 + 1e-6):

@@ -103,7 +103,11 @@ def test_a_film_that_ends_while_something_is_written_goes_on(open_page):
 
 @pytest.mark.parametrize(
     ("pointer", "start"),
-    [((1e4, 0.0, 5e-324), (1.6, 0.0, 0.0)), ((1.6, 0.0, np.nan), (1.6, 0.0, 1.0)), ((np.inf, 0.0, 0.5), (1.6, 0.0, 1.0))],
+    [
+        ((1e4, 0.0, 5e-324), (1.6, 0.0, 0.0)),
+        ((1.6, 0.0, np.nan), (1.6, 0.0, 1.0)),
+        ((np.inf, 0.0, 0.5), (1.6, 0.0, 1.0)),
+    ],
 )
 def test_a_pointer_that_is_nowhere_leaves_the_person_somewhere(open_page, pointer, start):
     page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)))
