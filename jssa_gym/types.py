@@ -99,7 +99,7 @@ class MeasuredPeople:
 
     capsules: CapsuleSet
     """m capsules, of all persons together; none for an empty room."""
-    age: Array | float = 0.0
+    age: Array | float
     """How old the measurement is at the tick's stamp [s]: one number, or one a capsule, shape (m,)."""
     valid: NDArray[np.bool_] | None = None
     """Whether each capsule was measured, shape (m,); None for all."""

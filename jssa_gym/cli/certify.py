@@ -22,7 +22,7 @@ from jssa_gym.cli.files import own_folder, writable_folder, write_figure, write_
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import judge
-from jssa_gym.robots import make_robot
+from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
 from jssa_gym.storage import file_name
 from jssa_gym.validation import positive_integer
@@ -149,6 +149,7 @@ class Certify:
         if self.json:
             print(json.dumps(found.plain(), indent=2))
         else:
+            _say_what_is_uncovered(robot)
             _show(found, self.search)
         console.say(f"wrote {', '.join(map(str, written))}")
         if not found.holds:
@@ -187,6 +188,7 @@ class Certify:
         if self.json:
             print(json.dumps(swept.plain(), indent=2))
         else:
+            _say_what_is_uncovered(robot)
             _show_map(swept)
         console.say(f"wrote {self.out / 'map.json'}, {self.out / 'map.png'}")
 
@@ -221,6 +223,11 @@ def _progress(console: Terminal, unit: str) -> Generator[Progress]:
     columns: tuple[Any, ...] = (TextColumn(unit), BarColumn(), MofNCompleteColumn())
     with Bar(console, *columns, TimeElapsedColumn(), TimeRemainingColumn()) as progress:
         yield progress
+
+
+def _say_what_is_uncovered(robot: RobotModel) -> None:
+    if robot.uncovered:
+        Terminal().say(robot.unpromised)
 
 
 def _words(part: Part | None) -> str:

@@ -21,6 +21,7 @@ from jssa_gym.evaluation.leaderboard import UNFILTERED, Standing, median_time_to
 from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
 from jssa_gym.robots import DEFAULT
+from jssa_gym.robots.model import unpromised
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,8 @@ class Compare:
         if self.json:
             print(json.dumps([_plain(one) for one in ranked], indent=2, allow_nan=False))
         else:
+            if reports[0].uncovered:
+                Terminal().say(unpromised(reports[0].uncovered))
             _show(ranked)
         console = Terminal(stderr=True)
         for report in reports:

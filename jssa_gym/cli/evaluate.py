@@ -28,6 +28,7 @@ from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
+from jssa_gym.robots.model import unpromised
 from jssa_gym.text import counted
 
 
@@ -167,6 +168,8 @@ def _show(report: Report) -> None:
         table.add_row(name, str(rate))
     for name, mean in report.means.items():
         table.add_row(name, str(mean), short(mean.least), short(mean.most), units[name])
+    if report.uncovered:
+        console.say(unpromised(report.uncovered))
     console.print(table)
     for path in report.traces:
         command = shlex.join(["jssa-gym", "replay", str(path), "--verify"])

@@ -28,6 +28,7 @@ from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pears
 from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.svg import Markup, Panel, colour, dashes, document, figure, marker, note, rows_of, tag
 from jssa_gym.evaluation.wording import in_words
+from jssa_gym.robots.model import unpromised
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
 
@@ -91,6 +92,7 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
         tag("h1", "Filters compared"),
         tag("p", f"{episodes} of at most {steps} a combination, first seed {study.seed}. {about}"),
         tag("p", tag("code", command)),
+        *([tag("p", f"Of the robot, {told}.")] if (told := unpromised(reports[0].uncovered)) else []),
         note(Markup(_READING)),
         *(part for title, inside in sections.items() for part in (tag("h2", title), *inside)),
     ]

@@ -14,6 +14,7 @@ from jssa_gym.evaluation.definitions import Metric, metrics_of
 from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.rows import Cell, EvaluationRow, Setting, StressRow
 from jssa_gym.evaluation.statistics import Mean, Rate, means
+from jssa_gym.robots.model import unpromised
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
 from jssa_gym.types import Array
@@ -38,6 +39,8 @@ class Report:
     """Recordings of the worst episodes, the worst first."""
     unlike: tuple[int, ...] = ()
     """Seeds among them that went otherwise when they were played again: something draws without a seed."""
+    uncovered: tuple[str, ...] = ()
+    """Joints of the robot's links that have no capsules: no number is about them."""
 
     @classmethod
     def of(cls, episodes: Sequence[EvaluationRow], setting: Setting | None = None) -> "Report":
@@ -88,6 +91,7 @@ class Report:
             "traces": [str(path) for path in self.traces],
             "unlike": list(self.unlike),
             "warnings": list(self.warnings),
+            **({"uncovered": list(self.uncovered)} if self.uncovered else {}),
         }
 
     def save(self, path: str | Path) -> None:
@@ -104,6 +108,8 @@ class Report:
         units = {metric.over_episodes: metric.unit for metric in METRICS}
         lines += [f"  {name:<32} {mean} {units[name]}".rstrip() for name, mean in self.means.items()]
         lines += [f"  warning: {one}" for one in self.warnings]
+        if self.uncovered:
+            lines.append(f"  {unpromised(self.uncovered)}")
         return "\n".join(lines)
 
 

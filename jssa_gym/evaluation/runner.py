@@ -120,7 +120,8 @@ def complete(
 
     told()
     finish(results, jobs, told)
-    reports = [Report.of(episodes) for episodes in results.by_cell().values()]
+    uncovered = plan.uncovered()
+    reports = [replace(Report.of(episodes), uncovered=uncovered) for episodes in results.by_cell().values()]
     if isinstance(results, Ledger):
         reports = _with_worst(results, reports, keep, jobs)
         write_reports(results.folder / "summary.json", reports)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from itertools import product
 from typing import Any, ClassVar
@@ -22,7 +23,7 @@ from jssa_gym.evaluation.rollout import shield_of
 from jssa_gym.evaluation.rows import EvaluationRow, Row, Setting, digest_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import Policy
-from jssa_gym.robots import DEFAULT, RobotModel
+from jssa_gym.robots import DEFAULT, RobotModel, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import Shield, read_name
 from jssa_gym.shields.registry import WHOLE
@@ -75,6 +76,10 @@ class Evaluation(EpisodePlan[EvaluationRow]):
             object.__setattr__(self, name, value)  # JSON holds no numbers of numpy
         if not isinstance(self.separation, SeparationParams):
             raise ParameterError(f"separation has to be SeparationParams, got {self.separation!r}")
+
+    def uncovered(self) -> tuple[str, ...]:
+        """Joints of the robot's links that have no capsules."""
+        raise NotImplementedError
 
     def measure(self, cell: Setting, seed: int, trace: Trace, robot: RobotModel, begin: float) -> EvaluationRow:
         seen = geometry(trace, robot)
@@ -159,6 +164,9 @@ class Study(Evaluation):
         if self.sensor == NO_SENSOR:
             return put_filter(env, cell.filter)
         return put_filter(spoiled(env, self.sensor), cell.filter, assumed_of(self.sensor))
+
+    def uncovered(self) -> tuple[str, ...]:
+        return make_robot(self.robot).uncovered
 
     def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
         policy = make_policy(cell.policy, env.unwrapped, seed, seen=env, trust_pickle=self.trust_pickle)
@@ -251,11 +259,22 @@ class Single(Evaluation):
             env = self.env if isinstance(self.env, gym.Env) else self.env()
         return env if self.filter is None else put_filter(env, self.filter)
 
+    def uncovered(self) -> tuple[str, ...]:
+        if isinstance(self.env, gym.Env):
+            return _uncovered(self.env)
+        with closing(self.make_env(self.setting)) as env:
+            return _uncovered(env)
+
     def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
         policy = make_policy(self.policy, env.unwrapped, seed, seen=env)
         if isinstance(self.policy, str):
             check_unchanged(self.policy, self.code)
         return policy
+
+
+def _uncovered(env: gym.Env) -> tuple[str, ...]:
+    base: Any = env.unwrapped
+    return base.robot.uncovered
 
 
 def _codes(policies: tuple[str, ...]) -> tuple[tuple[str, str], ...]:

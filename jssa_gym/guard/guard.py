@@ -30,6 +30,8 @@ from jssa_gym.validation import number_within, real_array
 STATE_TOLERANCE = (1e-3, math.inf, math.inf)
 """How far measured joints may be from the commanded ones where the assumptions say nothing: positions [rad] alone."""
 
+HASTY_TICK = "the tick came less than half a tick after the last one: the arm stays at the last position"
+
 
 class Guard:
     """Lets a command through as far as it is safe, tick by tick, by the control step of a shielded environment.
@@ -52,7 +54,8 @@ class Guard:
         dt: Control step [s], 0.001 to 0.02: ticks come at 50 to 1,000 Hz.
         profile, horizon, lambda1, lambda2, d_min, rows, recovery, options: See :class:`~jssa_gym.JSSAShield`.
         failsafe: Assumptions of the verified stop, as :class:`~jssa_gym.FailsafeParams` or a mapping of its fields;
-            None for its defaults. Where they leave ``state_tolerance`` at 0, measured positions may be
+            None for its defaults. ``actuation_lag`` has to cover the drives' lag and by how much all ticks of a stop
+            together may be late. Where they leave ``state_tolerance`` at 0, measured positions may be
             :data:`STATE_TOLERANCE` off as soon as some are given.
         scene: ``"table"`` or ``"floor"`` as in the environments, where the robot then stands; or the half-spaces that
             it must stay out of, with the robot standing where its model says.
@@ -127,6 +130,11 @@ class Guard:
         return JointState(*self._step.state.copy())
 
     @property
+    def failsafe(self) -> FailsafeParams:
+        """Assumptions of the verified stop."""
+        return self._step.failsafe
+
+    @property
     def rests(self) -> bool:
         """Whether the commanded arm is at rest."""
         return self._step.rests
@@ -184,6 +192,10 @@ class Guard:
         """
         if not self._started:
             raise NotStartedError("start(position) has to come before tick()")
+        if self._hasty(stamp):
+            # the drives are to be there already: another step would have them make several in one tick
+            step = self._step
+            return self._answers.make(step.state, step.jerk, Status.FAULT, HASTY_TICK, math.nan, 0.0)
         wrong = self._joins(measured)
         state = self._step.state
         wrong = self._follower.jerk(command, state, self._nominal) or wrong
@@ -207,6 +219,12 @@ class Guard:
             self._begin(self._measuring, self._step.state[0].copy())
         self._watched = True
         return ""
+
+    def _hasty(self, stamp: Any) -> bool:
+        try:
+            return self._rate.hasty(float(stamp))
+        except Exception:  # as below
+            return False
 
     def _clocked(self, stamp: Any) -> str:
         try:

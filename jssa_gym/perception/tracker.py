@@ -44,7 +44,8 @@ class Tracked(NamedTuple):
     valid: NDArray[np.bool_]
     """Shape (m,)."""
     position_error: Array
-    """Largest error of each capsule's ends at its stamp, shape (m,) [m]."""
+    """Largest error of each capsule's ends at its stamp, shape (m,) [m]; inf where an end is held by another joint: there
+    only the age says how far it may be."""
     velocity_error: Array
     """The same of their velocities, shape (m,) [m/s]."""
 
@@ -366,7 +367,8 @@ class _TrackedBody:
             if not held or self._may_hold(k, part, [joint.position for joint, _ in ends], stamp - late, stamp):
                 for i, (joint, _) in enumerate(ends):
                     self.ends[k, i], self.velocities[k, i] = joint.position, joint.velocity
-                self.position_error[k] = max(joint.position_error for joint, _ in ends)
+                # a held end is somewhere within its limb's length, which is what its age stands for
+                self.position_error[k] = np.inf if held else max(joint.position_error for joint, _ in ends)
                 self.velocity_error[k] = np.inf if held else max(joint.velocity_error for joint, _ in ends)
                 self.stamp[k] = stamp - late
         self.usable[k] = self.stamp[k] > -np.inf and self._recent(part, stamp)

@@ -85,6 +85,11 @@ class JointLimits:
         return np.array([*self.position.T, self.velocity, self.acceleration, self.jerk])
 
 
+def unpromised(uncovered: Sequence[str]) -> str:
+    """What is to be said of links without capsules, by their joints; empty if there are none."""
+    return f"nothing is measured or promised of the uncovered links of {', '.join(uncovered)}" if uncovered else ""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotModel:
     """Chain, capsules and limits of a serial arm of n hinge joints.
@@ -134,6 +139,11 @@ class RobotModel:
     def n(self) -> int:
         """Number of joints."""
         return len(self.links)
+
+    @property
+    def unpromised(self) -> str:
+        """What no report, certificate or shield speaks of, in words; empty if every link is covered."""
+        return unpromised(self.uncovered)
 
     def mounted(self, position: ArrayLike) -> Self:
         """The same robot standing at another place in the world, shape (3,) [m]."""

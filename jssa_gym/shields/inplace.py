@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jssa_gym.kernels.rest import at_rest
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.reading import words_of
+from jssa_gym.shields.records import ONE
 from jssa_gym.shields.reasons import FAULTS
 from jssa_gym.shields.words import Told
 from jssa_gym.tick import loop
@@ -51,6 +53,11 @@ class InPlace:
         return self._filter.records.view.jerk
 
     @property
+    def failsafe(self) -> FailsafeParams:
+        """Assumptions of the verified stop."""
+        return self._filter.failsafe or FailsafeParams()
+
+    @property
     def rests(self) -> bool:
         """Whether the arm is to be at rest."""
         return bool(at_rest(self._filter.expected))
@@ -74,7 +81,7 @@ class InPlace:
             filter._reading.read(scene)
             view = filter.records.view
             view.nominal[0] = nominal
-            loop.decide_all(view.arms, view.nominal)
+            loop.decide_all(view.arms, view.nominal, ONE)
             decided = True
             numbers = view.told.item()
             status, margin = _STATUSES[numbers[0]], numbers[-1]

@@ -73,6 +73,7 @@ class Page:
         self._playback: Playback | None = None
         self._scrub, self._rolled = 0.0, 0
         self._over = threading.Event()
+        self._keeping = threading.Lock()  # held while something is written
         self._news = ""
         self._set_up()
         self.server.on_refusal = self._remind
@@ -208,7 +209,8 @@ class Page:
 
     def _end_film(self) -> None:
         def end(session: Session) -> None:
-            if traces := session.cut():
+            # what is recorded stays so while something else is written
+            if not self._busy() and (traces := session.cut()):
                 self._keep(self._shelf.keep_film, traces, session.robot)
 
         if self.runner.snapshot.answered >= self._rolled:
@@ -218,7 +220,13 @@ class Page:
         self.runner.submit(lambda session: self._keep(self._shelf.keep_episodes, session.traces(), session.robot))
 
     def _keep(self, how: Callable[[Sequence[Trace], RobotModel], list[Path]], traces: list[Trace], robot: Any) -> None:
-        """Write files in a thread of its own, so that nothing waits; then hand them to who drives."""
+        """Write files in a thread of its own, so that nothing waits; then hand them to who drives.
+
+        Only the session's thread asks; not while something else is written.
+        """
+        if self._busy():
+            return
+        self._keeping.acquire()
 
         def work() -> None:
             try:
@@ -237,8 +245,17 @@ class Page:
             except Exception as error:
                 _logger.exception("nothing was kept")
                 self._news = f"nothing was kept: {error}"
+            finally:
+                self._keeping.release()
 
         threading.Thread(target=work, name="jssa-gym keep", daemon=True).start()
+
+    def _busy(self) -> bool:
+        """Whether something is written at present; that is said."""
+        busy = self._keeping.locked()
+        if busy:
+            self._news = "still writing: ask again when that is done"
+        return busy
 
     def _open(self, name: str) -> None:
         if name == _LIVE:

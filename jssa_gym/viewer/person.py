@@ -74,8 +74,10 @@ class Dragged(HumanMotion):
     # ---- the mouse -------------------------------------------------------------------------------------
 
     def go(self, place: Sequence[float]) -> None:
-        """Walk to a place on the floor, shape (2,) [m]."""
+        """Walk to a place on the floor, shape (2,) [m]; one that is not finite is no place."""
         x, y = place
+        if not (math.isfinite(x) and math.isfinite(y)):
+            return
         away = math.hypot(x, y)
         part = min(1.0, _FARTHEST / max(away, 1e-9))
         self._goal = (part * x, part * y)
@@ -85,8 +87,10 @@ class Dragged(HumanMotion):
 
         Args:
             part: Of :data:`HANDS`.
-            place: The hand keeps it relative to the body when the body is dragged.
+            place: The hand keeps it relative to the body when the body is dragged; one that is not finite is no place.
         """
+        if not all(map(math.isfinite, place)):
+            return
         x, y = self.root
         self._limbs[part].point((place[0] - x, place[1] - y, place[2]))
 

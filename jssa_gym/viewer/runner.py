@@ -124,7 +124,7 @@ class Runner:
             if self._session.paused:
                 due = now + DT
             elif now >= due:
-                self._session.step()
+                self._step()
                 self._late.append((now, now - due, time.perf_counter() - now))
                 due += DT / self._session.factor
                 if now - due > _BEHIND:
@@ -134,6 +134,13 @@ class Runner:
                 self.snapshot = self._session.snapshot(self._answered, self._message)
                 shown = now
             self._over.wait(max(0.0, min(due, shown + SHOWN) - time.perf_counter()))
+
+    def _step(self) -> None:
+        """A control step; one that cannot be, such as the first of an episode without a goal, is told."""
+        try:
+            self._session.step()
+        except JSSAGymError as error:
+            self._session.paused, self._message = True, str(error)
 
     def _obey(self) -> bool:
         """Do what was asked for; whether there was anything."""

@@ -19,6 +19,9 @@ from jssa_gym.viewer.words import COLOURS, WORDS
 APART = 2.6
 """Distance between two arms [m]: each has the same person beside it."""
 
+_LEVEL = 1e-9
+"""A ray that rises or falls less than this meets the floor nowhere [m]."""
+
 LAYERS = {
     "body": "arm as it looks",
     "capsules": "arm's capsules in the colour of the status",
@@ -241,6 +244,7 @@ class Picture:
             return
         eye = np.array(event.client.camera.position) - origin
         ray = pointer - eye
-        if ray[2] * (height - eye[2]) > 0.0:  # the pointer is not beyond the horizon
+        # the pointer is not beyond the horizon, nor so near to it that the place is nowhere
+        if abs(ray[2]) > _LEVEL and ray[2] * (height - eye[2]) > 0.0:
             pointer = eye + ray * (height - eye[2]) / ray[2]
         self._drag(part, tuple((pointer + offset)[:2].tolist()))

@@ -8,7 +8,9 @@ from typing import Any
 
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.people import make_person
+from jssa_gym.exceptions import JSSAGymError
 from jssa_gym.humans import HumanMotion
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.types import Trace
 from jssa_gym.viewer.choices import DRAGGED, Choices
 from jssa_gym.viewer.person import Dragged, SameAs
@@ -53,22 +55,36 @@ class Session:
         # people look at the first arm only, and the second one's are the same
         beside = SameAs(human, lambda: first.base.scene.human)
         sides = (first, *(Side(choices, shield, beside) for shield in choices.shields[1:]))
+        try:
+            self._begin(sides, choices.seed)
+        except JSSAGymError:  # a task may find no goal
+            for side in sides:
+                side.close()
+            self._keep_to_what_is_assumed(self._sides)
+            raise
         for side in self._sides:
             side.close()
         self.choices, self._sides, self.human = choices, sides, human
+        self.seed = choices.seed
         self.epoch += 1
-        self.reset()
 
     def reset(self, seed: int | None = None) -> None:
         """Begin an episode; by default the same again."""
         self.seed = self.choices.seed if seed is None else seed
-        assumed = [side.assumed for side in self._sides if side.assumed is not None]
+        self._begin(self._sides, self.seed)
+
+    def _begin(self, sides: tuple[Side, ...], seed: int) -> None:
+        self._keep_to_what_is_assumed(sides)
+        for side in sides:
+            side.reset(seed)
+
+    def _keep_to_what_is_assumed(self, sides: tuple[Side, ...]) -> None:
+        """Bound the dragged person's speeds by the smallest that a shield assumes."""
+        assumed = [side.assumed for side in sides if side.assumed is not None]
         if assumed:
             self.dragged.keep_to(
                 *(min(getattr(one, name) for one in assumed) for name in ("human_speed", "limb_speed"))
             )
-        for side in self._sides:
-            side.reset(self.seed)
 
     def clamp(self, clamped: bool) -> None:
         """Whether the dragged person keeps to the speeds that the shields assume."""
@@ -153,9 +169,12 @@ class Session:
             return "no verified stop"
         if side.too_fast:
             return side.too_fast
+        return self._doubt_of_people(assumed) or side.robot.unpromised
+
+    def _doubt_of_people(self, assumed: FailsafeParams) -> str:
         if self.choices.human == DRAGGED:
             return "" if self.dragged.clamped else "the person may be faster than assumed"
-        names = side.base.scene.human.names
+        names = self._sides[0].base.scene.human.names  # every side has the same people
         for name in dict.fromkeys(names):
             for speed, bound in zip(self.human.end_speeds_of(name), assumed.end_speeds_of(name), strict=True):
                 if speed > bound * (1.0 + 1e-6):

@@ -1,5 +1,6 @@
 """Films and episodes of the page, in a folder."""
 
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -27,6 +28,7 @@ class Shelf:
 
     def __init__(self, folder: Path, film: Film) -> None:
         self.folder, self._film = folder, film
+        self._writing = threading.Lock()  # from a free name to the file that takes it
 
     def episodes(self) -> tuple[str, ...]:
         """Names of the saved episodes, the newest first."""
@@ -42,8 +44,9 @@ class Shelf:
             StorageError: The file cannot be written.
         """
         pictures, rate = self._film(traces, robot)
-        path = self._free("film", "mp4")
-        plots.write_film(path, iter(pictures), rate=rate)
+        with self._writing:
+            path = self._free("film", "mp4")
+            plots.write_film(path, iter(pictures), rate=rate)
         return [path]
 
     def keep_episodes(self, traces: Sequence[Trace], robot: RobotModel) -> list[Path]:
@@ -54,8 +57,9 @@ class Shelf:
         """
         paths = []
         for trace in traces:
-            path = self._free(f"episode-{file_name(trace.name)}", "npz")
-            save_trace(trace, path, {"filter": trace.name, "human": "of a live page", **code_version()})
+            with self._writing:
+                path = self._free(f"episode-{file_name(trace.name)}", "npz")
+                save_trace(trace, path, {"filter": trace.name, "human": "of a live page", **code_version()})
             paths.append(path)
         return paths
 

@@ -66,12 +66,14 @@ def test_demo_films_and_prints_json(tmp_path, here):
         assert stream.codec_context.name == "h264"
         assert float(stream.average_rate) == 25.0
     assert len(pictures) == 10
-    assert pictures[0].shape == (480 + 30 + 14 + 46, 4 * 480, 3)
+    # heading, picture, footer, gauge and ribbon; a line between two columns
+    assert pictures[0].shape == (34 + 400 + 46 + 14 + 46, 4 * 480 + 3 * 4, 3)
     for picture in pictures:
-        for column in np.split(picture, 4, axis=1):
-            assert column[30:-60].std() > 10.0
+        for left in range(0, picture.shape[1], 484):
+            shown = picture[34:-106, left : left + 480]
+            assert shown.std() > 10.0
             # a yellow arm in every column
-            red, green, blue = (column[30:-60, :, i].astype(int) for i in range(3))
+            red, green, blue = (shown[..., i].astype(int) for i in range(3))
             assert ((red > 120) & (green > 80) & (blue < green / 2)).mean() > 0.005
 
 

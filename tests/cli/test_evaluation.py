@@ -234,8 +234,13 @@ def test_replay_films_beside_the_recording(folder):
     av = pytest.importorskip("av", reason="PyAV is not installed")
     path = next((folder / "traces").iterdir())
     Replay(path, figure=False).run()
+    trace = load_trace(path)
+    assert len(trace.time) == 200
+    (begin,) = np.flatnonzero(np.diff(trace.contact.astype(int)) == 1) + 1
     with av.open(str(path.with_suffix("") / "episode.mp4")) as film:
-        assert sum(1 for _ in film.decode(video=0)) == 40
+        # every fifth step; where the contact begins, which is between two, it stands still for 100 steps
+        assert begin % 5
+        assert sum(1 for _ in film.decode(video=0)) == 200 // 5 + 1 + 100 // 5
 
 
 def test_replay_of_what_it_cannot(folder, tmp_path, monkeypatch):

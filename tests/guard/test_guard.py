@@ -219,6 +219,11 @@ def test_people_that_cannot_be_believed_end_in_the_stored_stop(name):
     assert run(guard, 20, people=ball(), begin=160)[-1].status == Status.NOMINAL or name in ("elsewhere",)
 
 
+def test_how_old_people_are_has_to_be_said():
+    with pytest.raises(TypeError, match="age"):
+        MeasuredPeople(ball())
+
+
 def test_a_measurement_ages_with_the_ticks_that_bring_no_new_one():
     guard = started(failsafe={"max_age": 0.1})
     people, reasons = ball(), []
@@ -268,6 +273,41 @@ def test_a_doubled_tick_is_one_fault():
     # the reading before it was right, five have to be again
     statuses = [a.status for a in run(guard, 10, people=ball(), begin=50)]
     assert statuses[-1] == Status.NOMINAL
+
+
+def test_a_loop_that_catches_up_does_not_move_the_arm_any_faster():
+    guard = started()
+    run(guard, 50, people=ball())
+    late = guard.tick(JointVelocity(np.ones(6)), ball(), (49 + 7) * DT)
+    assert late.reason == "the clock leapt ahead of the arm"
+    assert np.abs(late.velocity).max() > 0.1
+    for k in range(1, 7):
+        again = guard.tick(JointVelocity(np.ones(6)), ball(), (49 + 7) * DT + k * 1e-6)
+        assert again.status == Status.FAULT
+        assert "less than half a tick after the last one" in again.reason
+        np.testing.assert_array_equal(again[:4], late[:4])
+        np.testing.assert_array_equal(guard.state, late[:3])
+        assert (again.override, np.isnan(again.margin)) == (0.0, True)
+    after = run(guard, 10, people=ball(), begin=57)
+    assert {a.status for a in after} == {Status.NOMINAL}
+    assert np.abs(after[0].position - late.position).max() < 2.0 * DT * np.abs(late.velocity).max()
+
+
+def test_calls_at_twice_the_rate_and_more_move_the_arm_at_no_more_than_its_own():
+    guard, places = started(), []
+    for k in range(400):
+        places.append(guard.tick(JointVelocity(np.ones(6)), nobody(), k * DT / 4.0).position)
+    assert len({p.tobytes() for p in places}) <= 201
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.05])
+def test_ticks_that_all_come_half_a_tick_late_are_no_jitter(spread):
+    guard, rng, stamp, faults = started(), np.random.default_rng(0), 0.0, 0
+    for _ in range(60):
+        answer = guard.tick(JointVelocity(0.1 * np.ones(6)), nobody(), stamp)
+        faults += "ticks come at" in answer.reason
+        stamp += DT * (1.5 + spread * rng.uniform(-1.0, 1.0))
+    assert faults > 40
 
 
 @pytest.mark.parametrize("jitter", [0.1, 0.3])
@@ -514,7 +554,7 @@ def test_the_control_step_itself_may_fail(monkeypatch):
     run(guard, 40)
     moving = guard.state.velocity.copy()
 
-    def broken(arms, nominal):
+    def broken(arms, nominal, asked):
         raise MemoryError("no room")
 
     monkeypatch.setattr(jssa_gym.shields.inplace.loop, "decide_all", broken)

@@ -6,18 +6,24 @@ import numpy as np
 import pytest
 
 import jssa_gym
-from jssa_gym import Guard, JointPosition, JointVelocity, Status
+from jssa_gym import Guard, JointPosition, JointVelocity, MeasuredPeople, Status
 from jssa_gym.exceptions import MissingExtraError, ParameterError, StreamError
 from jssa_gym.hardware.fanuc import LR_MATE, Axes, FanucStream, Program, Tables, UdpLink
 from jssa_gym.humans import nobody
 from jssa_gym.robots import lr_mate_200id_7l
+from jssa_gym.types import CapsuleSet
 
 fake_crx = pytest.importorskip("airo_fanuc.testing.fake_crx")
 wire = pytest.importorskip("airo_fanuc.testing.wire")
 
 DT = 0.008
 HOME = np.degrees(lr_mate_200id_7l().home)
-LAGGING = {"actuation_lag": 0.6}
+STILL = JointVelocity(np.zeros(6))
+LAG = 0.6
+
+
+def lagging(lag=LAG, **kwargs):
+    return Guard(lr_mate_200id_7l("stream"), failsafe={"actuation_lag": lag}, **kwargs)
 
 
 class Ticking(UdpLink):
@@ -55,10 +61,10 @@ class Ticking(UdpLink):
 class Cell:
     """A controller, a guard and the stream between them."""
 
-    def __init__(self, start=HOME, version=3, **kwargs):
+    def __init__(self, start=HOME, version=3, lag=LAG, **kwargs):
         config = fake_crx.FakeCRXConfig(available_version=version)
         self.fake = fake_crx.FakeCRXController(config, initial_q_deg=list(start)).start()
-        self.guard = Guard(lr_mate_200id_7l("stream"), failsafe=LAGGING)
+        self.guard = lagging(lag)
         self.link = Ticking(self.fake)
         self.program = Program("127.0.0.1", self.fake.rmi_port)
         self.stream = FanucStream(self.guard, self.link, self.program, clock=self.fake.clock.now, **kwargs)
@@ -256,6 +262,80 @@ def test_a_drive_that_is_not_where_it_was_commanded_to_be_stops_the_arm(cell):
     assert not one.fake.violations
 
 
+def test_a_drive_may_lag_as_far_as_the_guard_assumes(cell):
+    """The simulated drives follow after 0.125 s."""
+    for lag, word in ((0.6, ""), (0.02, "degrees from where it was commanded")):
+        one = cell(lag=lag)
+        assert one.guard.failsafe.actuation_lag == lag
+        one.stream.connect()
+        reasons = {a.reason.split(" is ")[-1].split(" ", 1)[-1] for a in one.run(60)}
+        assert all(word in reason for reason in reasons - {""})
+        assert (reasons == {""}) == (word == "")
+
+
+def test_the_arm_has_to_rest_before_anything_begins(cell):
+    one = cell()
+    one.stream.connect()
+    one.run(80, JointVelocity([1.0, 0.0, 0.0, 1.0, 0.0, 2.0]))
+    one.fake.press_estop()
+    one.run(1)
+    one.stream.close()
+    one.fake.release_estop()
+    coasts = one.fake.q_meas_deg[:6]
+    one.stream.restart()
+    began = np.degrees(one.guard.state.position)
+    assert np.abs(began - coasts).max() > 0.1
+    one.fake.tick(50)
+    np.testing.assert_allclose(began, one.fake.q_meas_deg[:6], atol=0.01)
+
+
+def test_an_arm_that_does_not_rest_is_not_begun_with(cell):
+    one, shaken = cell(), 0.05
+    tick = one.fake.sm.tick
+
+    def shaking(*args):
+        nonlocal shaken
+        shaken = -shaken
+        one.fake.plant.q_meas[0] += shaken
+        return tick(*args)
+
+    one.fake.sm.tick = shaking
+    with pytest.raises(StreamError, match=r"does not rest: its joints have to stay within 0.01 degrees for 0.6 s"):
+        one.stream.connect(timeout=2.0)
+    assert one.stream.halted
+
+
+def test_what_fails_to_begin_is_not_left_waiting(cell):
+    one = cell(start=np.array([175.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    packets, send = [], one.link.send
+    one.link.send = lambda packet: packets.append(packet[3]) or send(packet)
+    with pytest.raises(ParameterError, match="outside"):
+        one.stream.connect()
+    assert packets[-1] == wire.encode_stop_packet()[3]
+    assert wire.encode_start_packet()[3] in packets
+
+
+def test_in_silence_positions_go_out_on_time(cell):
+    one, times = cell(), []
+    one.stream.connect()
+    one.run(60)
+    receive, send = one.link.receive, one.link.send
+
+    def silence(timeout):
+        one.fake.clock.advance(timeout)
+
+    one.link.receive = silence
+    one.link.send = lambda packet: times.append(one.fake.clock.now()) or send(packet)
+    begun = one.fake.clock.now()
+    assert {a.status for a in one.run(20)} == {Status.FAULT}
+    np.testing.assert_allclose(np.array(times) - begun, DT * (np.arange(20) + 1.25), atol=1e-9)
+    one.fake.clock.advance(10.4 * DT)  # the host hung: that is not made up for in a burst
+    begun, times[:] = one.fake.clock.now(), []
+    one.run(5)
+    assert np.all(np.diff(times) > 0.7 * DT)
+    one.link.receive = receive
+
+
 def test_a_restart_needs_an_end(cell):
     one = cell()
     one.stream.connect()
@@ -267,20 +347,22 @@ def test_what_a_controller_would_refuse_is_refused_before(cell):
     link = UdpLink("127.0.0.1", 9)
     with pytest.raises(ParameterError, match=r"J1: jerk 3798 over 3211, J2: jerk 3408 over 2690"):
         FanucStream(Guard(), link)
+    with pytest.raises(ParameterError, match=r"drives lag behind .*'actuation_lag'"):
+        FanucStream(Guard(lr_mate_200id_7l("stream")), link)
     with pytest.raises(ParameterError, match="for 5 joints"):
         FanucStream(Guard(lr_mate_200id_7l("stream")), link, tables=Tables((1e9,) * 5, (1e9,) * 5, (1e9,) * 5))
     with pytest.raises(ParameterError, match="axes are for 5"):
         FanucStream(Guard(lr_mate_200id_7l("stream")), link, axes=Axes((1.0,) * 5, (0.0,) * 5))
     link.close()
     one = cell()
-    slow = FanucStream(Guard(lr_mate_200id_7l("stream"), dt=0.004), one.link, clock=one.fake.clock.now)
+    slow = FanucStream(lagging(dt=0.004), one.link, clock=one.fake.clock.now)
     with pytest.raises(StreamError, match=r"ticks every 8 ms, the guard is for 0.004 s"):
         slow.connect()
 
 
 def test_nobody_answers():
     link, times = UdpLink("127.0.0.1", 9), iter(np.arange(0.0, 100.0, 0.1))
-    stream = FanucStream(Guard(lr_mate_200id_7l("stream")), link, clock=lambda: float(next(times)))
+    stream = FanucStream(lagging(), link, clock=lambda: float(next(times)))
     with pytest.raises(StreamError, match="does not answer"):
         stream.connect(timeout=1.0)
     with pytest.raises(StreamError, match="not been connected"):
@@ -323,6 +405,33 @@ def test_people_stop_the_streamed_arm_as_any_other(cell):
     assert any("can reach" in a.reason for a in answers)
     assert all(a.override < 1.0 for a in answers)
     one.stream.close()
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_people_grow_older_while_it_waits(cell, measured):
+    one, seen = cell(), []
+    one.stream.connect()
+    ask = one.guard.tick
+    one.guard.tick = lambda command, people, *rest: seen.append((people, *rest)) or ask(command, people, *rest)
+    for _ in range(15):
+        one.fake.clock.advance(0.002)  # what somebody does between two ticks is none of the waiting
+        begun = one.fake.clock.now()
+        who = runner(4.0 - 2.0 * begun)
+        who = MeasuredPeople(who, 0.01) if measured else who
+        assert one.stream.exchange(STILL, who).status != Status.FAULT
+        told, stamp = seen[-1]
+        # whenever it was measured, somebody who runs at the bound is reckoned to be where they may have come to
+        assert stamp - told.age == pytest.approx(begun - 0.01 * measured)
+        assert stamp > begun + 0.5 * DT
+    for odd in ("old", None, [0.0]):
+        answer = one.stream.exchange(STILL, MeasuredPeople(runner(1.5), odd))
+        assert answer.status == Status.FAULT
+
+
+def runner(x):
+    """Somebody's hand at (x, 0, 1.3), that comes for the arm at 2 m/s."""
+    at, velocity = np.array([[x, 0.0, 1.3]]), np.array([[-2.0, 0.0, 0.0]])
+    return CapsuleSet(at, at, velocity, velocity, np.array([0.1]), ("hand",), np.zeros(1, np.int64))
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch):

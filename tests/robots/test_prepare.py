@@ -1,5 +1,7 @@
 """Anybody's arm file: all that is wrong with it at once, and the model that is made of it. Judge: MuJoCo."""
 
+import contextlib
+import json
 import re
 
 import gymnasium as gym
@@ -9,14 +11,20 @@ import pytest
 from robots_arms import HEAD, chain, gripper, link, two_arms, urdf
 
 import jssa_gym
+from jssa_gym.cli.certify import Certify
+from jssa_gym.cli.compare import Compare
+from jssa_gym.cli.evaluate import Evaluate
+from jssa_gym.evaluation import evaluate
 from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.humans import nobody
-from jssa_gym.robots import RobotModel, make_robot
+from jssa_gym.robots import DEFAULT, RobotModel, make_robot
 from jssa_gym.robots.limits import GUESSED_VELOCITY, read_limits
 from jssa_gym.robots.prepare import Preparation, examine, write_prepared
 from jssa_gym.robots.prepare.agreement import cover_of, kinematic_error
 from jssa_gym.safety.proximity import measure
 from jssa_gym.types import JointState
+from jssa_gym.viewer.choices import Choices, ShieldChoice
+from jssa_gym.viewer.session import Session
 
 ALL = Preparation(freeze=("all",))
 
@@ -294,6 +302,50 @@ def test_uncovered_links_are_said_wherever_the_arm_is_used(save, tmp_path):
     assert info["uncovered"] == ("link 3 joint",)
     assert env.step(np.zeros(4))[-1]["uncovered"] == ("link 3 joint",)
     assert "uncovered" not in gym.make("jssa_gym/Home-v0", human="none").reset(seed=0)[1]
+
+
+@pytest.mark.long
+def test_reports_certificates_and_pages_say_of_which_links_nothing_is_promised(save, tmp_path, capsys):
+    _, robot = prepared(save(chain(4)), tmp_path, Preparation(uncovered=("link 3",)))
+    told, folder = "nothing is measured or promised of the uncovered links of link 3 joint", str(tmp_path / "out")
+    assert robot.unpromised == told
+    assert make_robot(DEFAULT).unpromised == ""
+    # an evaluation's report, its JSON and its table
+    few = {"robot": folder, "episodes": 1, "seconds": 0.1, "keep": 0}
+    Evaluate(task="home", filter="stop", human="none", policy="hold", out=tmp_path / "evaluated", **few).run()
+    assert told in " ".join(capsys.readouterr().out.split())
+    (summary,) = json.loads((tmp_path / "evaluated" / "summary.json").read_text())
+    assert summary["uncovered"] == ["link 3 joint"]
+    # the page of a comparison
+    names = {"tasks": ("home",), "filters": ("none", "stop"), "humans": ("none",), "policies": ("hold",)}
+    Compare(**names, out=tmp_path / "compared", **few).run()
+    assert told in " ".join(capsys.readouterr().out.split())
+    assert told in (tmp_path / "compared" / "report.html").read_text().split("<h2", 1)[0]
+    # whatever the environment is made by
+    kwargs = {"robot": folder, "human": "none"}
+    report = evaluate("jssa_gym/Home-v0", "hold", 1, env_kwargs=kwargs, steps=5)
+    assert report.uncovered == ("link 3 joint",)
+    assert told in str(report)
+    covered = evaluate("jssa_gym/Home-v0", "hold", 1, env_kwargs={"human": "none"}, steps=5)
+    assert "uncovered" not in covered.as_dict()
+    assert "uncovered" not in str(covered)
+    # a certificate
+    with contextlib.suppress(SystemExit):  # whether it holds
+        Certify(robot=folder, states=50, search=False, authority=0.0, out=tmp_path / "certified").run()
+    assert told in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_live_page_promises_nothing_of_uncovered_links(save, tmp_path):
+    prepared(save(chain(4)), tmp_path, Preparation(uncovered=("link 3",)))
+    session = Session(Choices("home", str(tmp_path / "out"), policy="hold", shields=(ShieldChoice("stop"),)))
+    (seen,) = session.snapshot().arms
+    assert (seen.promise, seen.promised) == (
+        "nothing is measured or promised of the uncovered links of link 3 joint",
+        False,
+    )
+    session.clamp(False)  # what is worse is said instead
+    assert "faster than assumed" in session.snapshot().arms[0].promise
+    session.close()
 
 
 def test_capsules_that_always_overlap_are_no_self_collision(save, tmp_path):

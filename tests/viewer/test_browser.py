@@ -99,9 +99,9 @@ def test_switches_change_what_they_say_and_two_shields_differ(open_page, visit, 
     eventually(lambda: len(page.runner.snapshot.arms) == 2)
     eventually(lambda: len(tab.distances()) == 2)
     eventually(lambda: "no verified stop" in tab.text)
-    start = root(page)
+    # once it stands there: not clamped, it would be faster than assumed, and that is said instead
     page.runner.submit(lambda session: session.drag("core_body", (0.75, 0.0)))
-    eventually(lambda: root(page)[0] < start[0] - 0.6)
+    eventually(lambda: abs(root(page)[0] - 0.75) < 1e-3)
     one, other = page.runner.snapshot.arms
     assert not np.allclose(one.position, other.position, atol=0.05)
     assert one.moving_contacts == 0

@@ -55,6 +55,23 @@ def test_a_hand_goes_where_it_is_drawn_to_as_far_as_the_arm_is_long_and_hangs_ag
     np.testing.assert_allclose(walked(person, 1.5)[-1].end[HAND], rest, atol=1e-6)
 
 
+@pytest.mark.parametrize("bad", [np.inf, -np.inf, np.nan])
+def test_a_place_that_is_not_finite_is_no_place(bad):
+    person = begun(start=(1.2, 0.0))
+    person.go((1.0, 0.1))
+    person.reach("right_arm", (0.9, -0.2, 1.2))
+    for k in range(3):
+        place = np.where(np.arange(3) == k, bad, 0.5)
+        person.reach("right_arm", place)
+        if k < 2:
+            person.go(place[:2])
+    alike = begun(start=(1.2, 0.0))
+    alike.go((1.0, 0.1))
+    alike.reach("right_arm", (0.9, -0.2, 1.2))
+    for one, other in zip(walked(person, 1.0), walked(alike, 1.0), strict=True):
+        np.testing.assert_array_equal(one.end, other.end)
+
+
 @given(
     moves=st.lists(
         st.tuples(

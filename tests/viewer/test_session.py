@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.trace import load_trace, save_trace
 from jssa_gym.exceptions import ParameterError
@@ -136,6 +137,27 @@ def test_what_cannot_be_changes_nothing():
         with pytest.raises(ParameterError):
             session.choose(choices())
     assert session.choices is before
+    stepped(session, 2 * DT)
+    assert session.number == number + 2
+
+
+def without_goals(monkeypatch):
+    def no_goal(self, *_):
+        raise ParameterError("found no goal")
+
+    monkeypatch.setattr(TASKS["reach"], "draw_goal", no_goal)
+
+
+def test_a_task_that_finds_no_goal_changes_nothing(monkeypatch):
+    session = session_of("yield", task="home")
+    before, sides, speed = session.choices, session._sides, session.dragged.speed
+    without_goals(monkeypatch)
+    with pytest.raises(ParameterError, match="found no goal"):
+        session.choose(Choices(task="reach", shields=(ShieldChoice("yield", {"human_speed": 0.5}),)))
+    assert session.choices is before
+    assert session._sides is sides
+    assert session.dragged.speed == speed
+    number = session.number
     stepped(session, 2 * DT)
     assert session.number == number + 2
 
@@ -327,6 +349,24 @@ def test_a_session_that_breaks_says_so_and_stops(running, caplog):
         time.sleep(0.01)
     assert "something gave way" in running.snapshot.message
     assert running.snapshot.paused
+
+
+def test_an_episode_that_cannot_begin_is_told_and_waits(running, monkeypatch):
+    def no_goal():
+        raise ParameterError("found no goal")
+
+    monkeypatch.setattr(running._session, "step", no_goal)
+    end = time.monotonic() + 60.0
+    while not running.snapshot.message and time.monotonic() < end:
+        time.sleep(0.01)
+    assert (running.snapshot.message, running.snapshot.paused) == ("found no goal", True)
+    assert running.failure is None
+    monkeypatch.undo()
+    running.submit(lambda session: setattr(session, "paused", False))
+    number = running.snapshot.number
+    while running.snapshot.number <= number and time.monotonic() < end:
+        time.sleep(0.01)
+    assert running.snapshot.number > number
 
 
 def test_what_is_asked_while_too_many_wait_is_forgotten():
