@@ -61,7 +61,7 @@ def main() -> int:
     parser.add_argument("--every", type=float, default=10.0, help="seconds between faults")
     given = parser.parse_args()
     robot = jssa_gym.ROBOTS["lr_mate_200id_7l"]("stream")
-    guard = jssa_gym.Guard(robot, failsafe={"actuation_lag": 0.6, "tracking_error": 0.01})
+    guard = jssa_gym.Guard(robot, failsafe={"actuation_lag": 0.2, "tracking_error": 0.01})
     guard.start(robot.home)
     guard.tick(jssa_gym.JointPosition(robot.home), nobody(), 0.0)  # compiled before anything is streamed
 

@@ -9,8 +9,8 @@ from jssa_gym.kernels.rest import at_rest
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.reading import words_of
-from jssa_gym.shields.records import ONE
 from jssa_gym.shields.reasons import FAULTS
+from jssa_gym.shields.records import ONE
 from jssa_gym.shields.words import Told
 from jssa_gym.tick import loop
 from jssa_gym.types import Array, Scene, Status

@@ -44,7 +44,7 @@ class FanucStream:
     ::
 
         robot = jssa_gym.ROBOTS["lr_mate_200id_7l"]("stream")
-        guard = jssa_gym.Guard(robot, failsafe={"actuation_lag": 0.6, "tracking_error": 0.01})
+        guard = jssa_gym.Guard(robot, failsafe={"actuation_lag": 0.2, "tracking_error": 0.01})
         stream = FanucStream(guard, UdpLink("192.168.1.100"), Program("192.168.1.100"))
         stream.connect()
         while not stream.halted:
