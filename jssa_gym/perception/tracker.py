@@ -44,8 +44,8 @@ class Tracked(NamedTuple):
     valid: NDArray[np.bool_]
     """Shape (m,)."""
     position_error: Array
-    """Largest error of each capsule's ends at its stamp, shape (m,) [m]; inf where an end is held by another joint: there
-    only the age says how far it may be."""
+    """Largest error of each capsule's ends at its stamp, shape (m,) [m]; inf where an end is held by another joint:
+    there only the age says how far it may be."""
     velocity_error: Array
     """The same of their velocities, shape (m,) [m/s]."""
 

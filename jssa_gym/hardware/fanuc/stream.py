@@ -116,8 +116,8 @@ class FanucStream:
         """Shake hands, wait until the arm may move and has not for a while, and begin with it where it is.
 
         Raises:
-            StreamError: The controller does not answer, ticks at another rate or does not let the arm move, or the arm does
-                not rest.
+            StreamError: The controller does not answer, ticks at another rate or does not let the arm move, or the arm
+                does not rest.
             ParameterError: The arm is outside the position limits.
         """
         positive_number("timeout", timeout)
