@@ -107,7 +107,7 @@ def soak(ticks: int, dt: float, seed: int, humans: list[str], measured: bool) ->
         elif odd < 2e-3:
             seen = (None, 3, people._replace(start=people.start * np.nan), MeasuredPeople(people, np.nan))[k % 4]
         elif odd < 2.2e-3:
-            now = (float("nan"), "noon", stamp - 0.5 * dt, None)[k % 4]
+            now = (float("nan"), "noon", stamp - 2.0 * dt, None)[k % 4]
         joints = None
         if measured:
             joints = jssa_gym.JointState(guard.state.position + 1e-4 * rng.normal(size=6), unmeasured, unmeasured)

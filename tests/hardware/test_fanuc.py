@@ -178,6 +178,10 @@ def test_gaps_duplicates_and_noise_of_packets_are_nothing(cell):
     )
     one.link.noise = [old]
     assert {a.status for a in one.run(3)} == {Status.NOMINAL}
+    one.fake.clock.advance(0.6 * DT)  # late enough for a tick of its own, if it were any
+    one.link.noise = [old]
+    assert not any("degrees from" in a.reason for a in one.run(3))
+    assert not one.stream.halted
     one.stream.close()
     assert not one.fake.violations
     assert keeps_the_tables(one.link.sent)
