@@ -1011,7 +1011,7 @@ MUTANTS = [
     _stream("late packets are ticks", ">= LATE * self.guard.dt", ">= 0.0", "comes_late"),
     _stream("tables are not looked at", "if excess := tables.excess(guard.robot):", "if False:", "refused_before"),
     _stream("people are as old as before the wait", "max(self._heard - entered, 0.0)", "0.0", "grow_older"),
-    _stream("an arm that coasts rests", "now - since >= RESTING", "True", "rest_before or does_not_rest"),
+    _stream("an arm that coasts rests", "now - since >= SETTLED", "True", "rest_before or does_not_rest"),
     _stream(
         "silence slows the stop",
         "max(self._heard + self.guard.dt, now - LATE * self.guard.dt)",

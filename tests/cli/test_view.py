@@ -10,6 +10,7 @@ import time
 
 import pytest
 from commands import WITHOUT, cli, one_line
+from places import PATIENCE
 
 from jssa_gym.cli.view import ViewCommand
 
@@ -67,13 +68,13 @@ def test_it_prints_its_address_serves_the_page_and_ends_at_ctrl_c(tmp_path):
         try:
             address = next(line for line in run.stderr if line.startswith("open ")).split()[1]
             assert address.startswith("http://127.0.0.1:")
-            connection = http.client.HTTPConnection(address.split("/")[2], timeout=60.0)
+            connection = http.client.HTTPConnection(address.split("/")[2], timeout=PATIENCE)
             connection.request("GET", "/")
             assert connection.getresponse().status == 200
             connection.close()
             time.sleep(0.5)
             run.send_signal(signal.SIGINT)
-            out, err = run.communicate(timeout=60.0)
+            out, err = run.communicate(timeout=PATIENCE)  # what compiles meanwhile is finished first
         finally:
             run.kill()
     assert run.returncode == 0

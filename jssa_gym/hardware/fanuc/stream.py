@@ -28,7 +28,7 @@ LATE = 0.5
 SILENT = 0.5
 """For how long no packet may come before the stream is given up [s]."""
 
-RESTING = 0.6
+SETTLED = 0.6
 """For how long an arm has to stay where it is before it is taken to rest [s]: five times the lag of a slow drive."""
 
 STEADY = float(np.radians(0.01))
@@ -204,7 +204,7 @@ class FanucStream:
             now, joints, why = self._clock(), self._axes.to_radians(status.joint_angle_deg), self._refused(status)
             if why or not np.abs(joints - anchor).max() <= STEADY:
                 anchor, since = joints, now
-            return status if not why and now - since >= RESTING else None
+            return status if not why and now - since >= SETTLED else None
 
         try:
             return self._wait(resting, end, "it does not let the arm move")
@@ -213,7 +213,7 @@ class FanucStream:
                 raise
             degrees = np.degrees(STEADY)
             raise StreamError(
-                f"the arm does not rest: its joints have to stay within {degrees:g} degrees for {RESTING} s"
+                f"the arm does not rest: its joints have to stay within {degrees:g} degrees for {SETTLED} s"
             ) from None
 
     def _wait(self, reads: Callable[[bytes], Any], end: float, what: str) -> Any:
