@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from functools import partial
 
 import pytest
 from commands import WITHOUT, cli, one_line
@@ -64,7 +65,10 @@ def test_without_the_extra_it_says_what_to_install(module, tmp_path):
 def test_it_prints_its_address_serves_the_page_and_ends_at_ctrl_c(tmp_path):
     pytest.importorskip("viser", reason="the extra 'viewer' is not installed")
     command = [sys.executable, "-m", "jssa_gym", "view", "--port", "0", "--out", str(tmp_path / "out")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ) as run:
+    # whoever runs the tests in the background may have it ignored, which children inherit
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, env=os.environ, preexec_fn=heard, **pipes) as run:
         try:
             address = next(line for line in run.stderr if line.startswith("open ")).split()[1]
             assert address.startswith("http://127.0.0.1:")
