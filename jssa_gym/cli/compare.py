@@ -82,7 +82,8 @@ class Compare:
         ranked = standings(reports)
         write_page(self.out / "report.html", study, reports, self._command())
         if self.json:
-            print(json.dumps([_plain(one) for one in ranked], indent=2, allow_nan=False))
+            promise = {"uncovered": list(reports[0].uncovered)} if reports[0].uncovered else {}
+            print(json.dumps([_plain(one) | promise for one in ranked], indent=2, allow_nan=False))
         else:
             if reports[0].uncovered:
                 Terminal().say(unpromised(reports[0].uncovered))
