@@ -123,6 +123,23 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
           -0.50 · closeness  1 if the smallest distance is below d_min, else 0
           -5.00 · contact    1 in a contact with the arm moving, else 0
 
+    **deliver** (default human: ``random``). Fetch at one place and bring to another, twice: the tool centre point
+    within 0.02 m of the place that is next, slower than 0.05 m/s, for 0.1 s, four legs in all. info: deliver/legs,
+    deliver/deliveries, deliver/per_minute (until the last delivery).
+
+    ::
+
+        36-38   goal             [-2, 2]      next place minus tool centre point, world axes [m]
+        39-41   other            [-2, 2]      the other place minus tool centre point, world axes [m]
+        42      done             [0, 1]       share of the legs done
+        43      stay             [0, 1]       time at the next place, at rest / time asked for
+          -1.00 · deliver    way that is left: to the next place, and the legs after it [m]
+          -1.00 · near       tanh(distance to the next place / 0.1 m) + number of legs after it
+         +10.00 · success    1 on success, else 0
+          -0.01 · effort     mean squared action
+          -0.50 · closeness  1 if the smallest distance is below d_min, else 0
+          -5.00 · contact    1 in a contact with the arm moving, else 0
+
     **Termination**: what ``terminate_on`` names: ``success``, ``contact``, ``moving_contact`` (the robot's touching
     point faster than 1e-3 m/s) or ``limit_violation``; the default is success and moving contact. A contact with the
     arm at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s), by ``TimeLimit``; another
@@ -138,7 +155,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     what the task says; with a robot that leaves links without capsules ``uncovered`` (their joints' names) too.
 
     Args:
-        task: ``"home"``, ``"reach"``, ``"track"``, ``"handover"`` or a :class:`~jssa_gym.envs.tasks.Task`.
+        task: ``"home"``, ``"reach"``, ``"track"``, ``"handover"``, ``"deliver"`` or a
+            :class:`~jssa_gym.envs.tasks.Task`.
         human: A name in :data:`jssa_gym.humans.HUMANS`, a file of a recording or of motion capture (``.npz``, ``.csv``,
             ``.bvh``), a motion, or several of them; None for the task's default.
         dynamics: ``"kinematic"`` or ``"servo"``.
@@ -232,7 +250,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._ends_success = "success" in endings and self.task.ends
         self._ends_contact = "contact" in endings
         self._ends_moving, self._ends_violation = "moving_contact" in endings, "limit_violation" in endings
-        self._hold_steps = self.task.hold_time / self.dt - 1e-9
+        self._hold_steps = max(self.task.hold_time / self.dt, 1.0) - 1e-9
         self._begin(np.array(self.robot.home), np.zeros(0), nobody())
         self._begun = False
 
@@ -276,8 +294,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def goal(self) -> Array:
-        """The task's goal at present; a copy."""
-        return self._goal.copy()
+        """The task's goal at present; a copy. Empty before the first ``reset``."""
+        return (self.task.present(self._goal, self._progress) if self._begun else self._goal).copy()
 
     @property
     def robot_capsules(self) -> CapsuleSet:
@@ -394,7 +412,10 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         action = moment.action
         effort = float(action.dot(action)) / len(action)
         common = (effort, info["cost"], 1.0 if moment.moving_contact else 0.0)
-        own = self.task.rewarded(value, success)
+        if self._evolves:
+            own = self.task.rewarded_at(self._goal, moment, value, success)
+        else:
+            own = self.task.rewarded(value, success)
         total = 0.0
         for (key, weight), x in zip(self._terms, own + common):  # noqa: B905  # hot path, same length by construction
             info[key] = term = weight * x
@@ -434,7 +455,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             gym.logger.warn("render() does nothing without a render_mode; pass render_mode='rgb_array'")
             return None
-        goal = goal_points(self.robot, self._goal.ravel(), not self.task.ends)
+        goal = goal_points(self.robot, self.goal.ravel(), not self.task.ends)
         marks = Marks(self._around.line, goal, self._around.touching)
         if self.render_mode == "human":
             return self.world.show(self._actual[0], self._people, marks, self.dt)

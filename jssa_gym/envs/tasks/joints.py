@@ -173,7 +173,7 @@ class Track(Task):
         return begin + x**3 * (10.0 - 15.0 * x + 6.0 * x**2) * (goal[leg] - begin)
 
     def advance(self, goal: Array, moment: Moment, velocity: Array, dt: float) -> Progress:
-        start, visited, clock, lateness, _ = moment.progress
+        start, visited, clock, lateness, *_ = moment.progress
         if visited < len(goal) and _root_mean_square(goal[visited] - moment.position) <= self.tolerance:
             visited += 1
         now = min(clock + dt, self._due(visited, len(goal)))
