@@ -11,7 +11,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from jssa_gym.envs.drawing import Marks, goal_points
-from jssa_gym.envs.observation import Observation, arm_features
+from jssa_gym.envs.goals import GOAL_TERMS, Goals
+from jssa_gym.envs.observation import MOST_PEOPLE, Observation, arm_features, bodies, body_features
 from jssa_gym.envs.options import check_arguments, checked_options, checked_step
 from jssa_gym.envs.surroundings import Closest, Surroundings
 from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Progress, Task, make_task
@@ -20,6 +21,7 @@ from jssa_gym.envs.world import SCENES, World, planes_of
 from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.headless import has_display
 from jssa_gym.humans import Given, make_human, nobody
+from jssa_gym.humans.body import PARTS as BODY
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
 from jssa_gym.robots import RobotModel, make_robot
@@ -41,7 +43,7 @@ START_CLEARANCE = 0.1
 """Smallest robot-human distance that an episode starts with [m]."""
 
 
-class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
     """An arm driven by joint jerk beside moving people, 125 Hz unless ``dt`` says otherwise.
 
     The joint state follows the paper's Eq. (1) exactly, jerk held over each step of 0.008 s. With
@@ -65,7 +67,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         27-29   human_velocity   [-3, 3]      its velocity [m/s]
         30-35   human_distance   [-0.5, 2]    surface distance of each body part to the arm [m]
 
-    then the task's goal. Without a human the human's entries are at their upper bounds, the velocity 0.
+    then the task's goal. Without a human the human's entries are at their upper bounds, the velocity 0. With
+    ``observation="full"`` all body parts of up to three people stand before the task's part, starts, ends, their
+    velocities and whether they are there. With ``observation="goal"`` it is a dictionary of ``observation``, which is
+    without the task's part, ``achieved_goal`` and ``desired_goal``; the reward is then −1 in every step in which these
+    are farther apart than the task's tolerance, beside the terms that all tasks have: ``compute_reward`` makes it for
+    other goals.
 
     **Tasks**, with the goal's observation and the reward's terms:
 
@@ -167,6 +174,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         d_min: Distance below which ``cost`` is 1 [m].
         dt: Control step [s], from 0.001 to 0.02; whole milliseconds with ``dynamics="servo"``. All durations of tasks
             and people stay what they are in seconds.
+        observation: ``"closest"``, ``"full"`` or ``"goal"``; see above.
         render_mode: ``"rgb_array"``, ``"human"`` (a window, where there is a display; it keeps to real time) or None.
         width, height: Size of pictures [pixels].
 
@@ -193,11 +201,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         terminate_on: Sequence[str] = ("success", "moving_contact"),
         d_min: float = 0.05,
         dt: float = DT,
+        observation: Literal["closest", "full", "goal"] = "closest",
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
     ) -> None:
-        size = check_arguments(dynamics, terminate_on, render_mode, width, height)
+        size = check_arguments(dynamics, terminate_on, observation, render_mode, width, height)
         self.dt = checked_step(dt, dynamics)
         announce_compilation(move)
         self.planes = planes_of(scene)
@@ -233,15 +242,28 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         rehearsal = make_human(self.human).reset(np.random.default_rng(0))
         self.task.follow(np.zeros(0), rehearsal)
         parts = len(rehearsal.radius) // max(self.human.people, 1)
+        if observation == "full":
+            parts = parts or len(BODY)  # what is observed does not depend on how many there are
         self._around = Surroundings(self.robot, parts)
         self._static = nobody()
-        self._observation = Observation((*arm_features(self.robot, max(parts, 1)), *self.task.features(self.robot)))
+        self._parts = parts if observation == "full" else 0
+        if self._parts and len(rehearsal.radius) > MOST_PEOPLE * parts:
+            raise ParameterError(
+                f"observation='full' has room for {MOST_PEOPLE} people, here are {self.human.people}: take 'closest'"
+            )
+        self._goals = Goals(self.task, self.robot) if observation == "goal" else None
+        seen = (*arm_features(self.robot, max(parts, 1)), *(body_features(self._parts) if self._parts else ()))
+        self._observation = Observation(seen if self._goals else (*seen, *self.task.features(self.robot)))
         self._scaling = self._observation.scaling(
             {"position": limits.position.mean(axis=1), "tip": self.robot.mount, "human_point": self.robot.mount}
         )
         self.observation_space: spaces.Space = self._observation.space
+        if self._goals:
+            apart = {"achieved_goal": self._goals.space, "desired_goal": self._goals.space}
+            self.observation_space = spaces.Dict({"observation": self._observation.space, **apart})
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
-        self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
+        terms = (*(GOAL_TERMS if self._goals else self.task.terms), *COMMON_TERMS)
+        self._terms = tuple((f"reward/{t.name}", t.weight) for t in terms)
         if (count := len(self.task.rewarded(0.0, False))) != len(self.task.terms):
             names = ", ".join(term.name for term in self.task.terms)
             raise ParameterError(f"task {self.task.name!r} has the terms {names}, but rewarded() gives {count} values")
@@ -302,9 +324,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """The arm's capsules in the world, with velocities; what reacting people see."""
         return self._around.robot_capsules
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode: the arm at rest at home, a goal and people drawn from the seed.
 
         Args:
@@ -353,7 +373,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._people, self._scene = people, None
         self._around.take(people)
 
-    def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Apply a joint jerk for one control step.
 
         Args:
@@ -412,7 +432,9 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         action = moment.action
         effort = float(action.dot(action)) / len(action)
         common = (effort, info["cost"], 1.0 if moment.moving_contact else 0.0)
-        if self._evolves:
+        if self._goals:
+            own = (float(self._goals.missed(*self._pair_of_goals(self._goals))),)
+        elif self._evolves:
             own = self.task.rewarded_at(self._goal, moment, value, success)
         else:
             own = self.task.rewarded(value, success)
@@ -441,13 +463,42 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             info["tracking_error"] = self._actual[0] - self._state[0]
         return info
 
-    def _observed(self, moment: Moment) -> NDArray[np.float32]:
+    def _pair_of_goals(self, goals: Goals) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """What the arm has achieved, and what is desired of it."""
+        achieved = self._around.tip[0] if self.task.space == "tip" else self._actual[0]
+        return goals.told(achieved), goals.told(self.task.desired(self._goal, self._progress))
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """The reward of ``observation="goal"``, for other goals than those that were: Gymnasium-Robotics' convention.
+
+        Args:
+            achieved_goal, desired_goal: As observed, shape (k,), or (N, k) for many at once.
+            info: Of the step, or a sequence of N of them; terms that it lacks count as 0.
+
+        Returns:
+            −1 where they are farther apart than the task's tolerance, else 0, and the common terms of ``info``: exactly
+            what ``step`` has returned for what it has observed. A number, or an array of shape (N,).
+
+        Raises:
+            ParameterError: The environment observes something else.
+        """
+        if self._goals is None:
+            raise ParameterError("compute_reward() is of observation='goal', which this environment was not made with")
+        return self._goals.reward(achieved_goal, desired_goal, info)
+
+    def _observed(self, moment: Moment) -> Any:
         # with servos the policy sees the commanded joints, as the shield does; the tip is the simulated one's
         state, around, out = self._state, self._around, np.empty(self._observation.size, np.float32)
         if self._actual is not state:
             moment = moment._replace(position=state[0])
-        goal = self.task.observe(self._goal, moment)
-        fill_observation(state, around.pointers[1], goal, self._scaling, out)
+        if self._goals:
+            fill_observation(state, around.pointers[1], self._zero, self._scaling, out)
+            achieved, desired = self._pair_of_goals(self._goals)
+            return {"observation": out, "achieved_goal": achieved, "desired_goal": desired}
+        own = self.task.observe(self._goal, moment)
+        if self._parts:
+            own = np.concatenate([bodies(np.array(self._people[:4]), self.robot.mount, self._parts), own])
+        fill_observation(state, around.pointers[1], own, self._scaling, out)
         return out
 
     def render(self) -> Any:

@@ -188,9 +188,12 @@ class Track(Task):
         """When the next waypoint is due, or the last was [s]."""
         return min(visited + 1, count) * self.period
 
+    def desired(self, goal: Array, progress: Progress) -> Array:
+        return goal[min(progress.visited, len(goal) - 1)]
+
     def observe(self, goal: Array, moment: Moment) -> Array:
         progress, count = moment.progress, len(goal)
-        following = goal[min(progress.visited, count - 1)]
+        following = self.desired(goal, progress)
         due = self._due(progress.visited, count) - progress.clock
         reference = self.reference(goal, progress)
         return np.concatenate(

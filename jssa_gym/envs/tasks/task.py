@@ -121,6 +121,10 @@ class Task(ABC):
         """What of the goal is to be met next: what ``env.unwrapped.goal`` says; most goals are one."""
         return goal
 
+    def desired(self, goal: Array, progress: Progress) -> Array:
+        """The point (3,) [m] or joint position (n,) [rad] that is to be met next, for ``observation="goal"``."""
+        return self.present(goal, progress)
+
     def follow(self, goal: Array, people: CapsuleSet) -> Array:
         """The goal among the people as they are now; most goals stay.
 
