@@ -47,7 +47,7 @@ class Train:
     """
 
     task: str = "reach"
-    """Task of the environment: home, reach, track or handover."""
+    """Task of the environment: home, reach, track, handover or deliver."""
     algorithm: Algorithm | None = None
     """Of Stable-Baselines3; tqc of sb3-contrib; None: the one that was tuned for the task, else ppo."""
     out: Path = Path("training")

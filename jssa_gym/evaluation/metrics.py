@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING
-from jssa_gym.envs.tasks import TASKS
+from jssa_gym.envs.tasks import TASKS, Deliver
+from jssa_gym.envs.tasks.deliver import per_minute
 from jssa_gym.evaluation.definitions import About
 from jssa_gym.evaluation.geometry import Geometry
 from jssa_gym.evaluation.motion import jerk_jumps
@@ -100,6 +101,9 @@ class Summary(StepSummary):
         About("m", "Mean distance of the tool centre point from its goal; none where that is no point."),
     ]
     tracking_error_end: Annotated[float | None, About("m", "The same at the end of the episode.")]
+    deliveries_per_minute: Annotated[
+        float | None, About("1/min", "Deliveries over time, until the last that is asked for; none of other tasks.")
+    ]
     jerk_rms: Annotated[float, About("jerk bounds", "Root mean square, over steps and joints, of the applied jerk.")]
     jerk_jumps: Annotated[
         float,
@@ -207,6 +211,7 @@ def summarise(
         path_length=None if seen is None else float(np.linalg.norm(np.diff(seen.tip, axis=0), axis=1).sum()),
         tracking_error=_mean(off),
         tracking_error_end=float(off[-1]) if len(off) else None,
+        deliveries_per_minute=_throughput(trace, steps.time_to_goal) if trace.task == Deliver.name else None,
         jerk_rms=float(np.sqrt(np.mean(ratios[2] ** 2))) if len(trace.time) else 0.0,
         jerk_jumps=jumps.applied,
         jerk_jumps_nominal=jumps.nominal,
@@ -226,6 +231,12 @@ def summarise(
         shield_max=quantiles[3],
         deadline_miss_rate=_mean(timed > trace.dt),
     )
+
+
+def _throughput(trace: Trace, finished: float | None) -> float:
+    """Deliveries per minute: a leg is over where the next place becomes the goal, and the last with success."""
+    legs = int(np.diff(trace.goal, axis=0).any(axis=1).sum()) + (finished is not None)
+    return per_minute(legs // 2, len(trace.time) * trace.dt if finished is None else finished)
 
 
 def _steps(trace: Trace) -> Steps:
