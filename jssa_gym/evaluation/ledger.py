@@ -18,6 +18,7 @@ from jssa_gym.storage import append_whole, read_text, refused, whole_lines, writ
 
 _TELLING = (
     "cli",
+    "datasets",
     "paper",
     "plots",
     "rates.py",
