@@ -20,7 +20,7 @@ LAYERS = (
     ("shields", "envs", "control"),
     ("policies", "guard", "entry_points"),
     ("evaluation",),
-    ("train", "paper", "certificate", "datasets"),
+    ("train", "paper", "certificate", "datasets", "board"),
     ("plots",),
     ("viewer", "hardware"),
     ("cli",),
