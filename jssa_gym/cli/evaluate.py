@@ -25,7 +25,7 @@ from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.slowdown import slowdown
 from jssa_gym.evaluation.statistics import short
-from jssa_gym.evaluation.study import Study
+from jssa_gym.evaluation.study import Evaluation, Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.robots.model import unpromised
@@ -53,7 +53,7 @@ def find_policies_here(policies: Iterable[str]) -> None:
         sys.path.append(here)
 
 
-def play(study: Study, out: Path, jobs: int | Cluster, keep: int) -> list[Report]:
+def play(study: Evaluation, out: Path, jobs: int | Cluster, keep: int) -> list[Report]:
     """Play what is left of a study under a progress bar; an interrupt says how to go on."""
     own_folder(out, CONFIG)
     with episodes_bar(Terminal(stderr=True), out) as show:

@@ -17,7 +17,9 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.storage import append_whole, read_text, refused, whole_lines, write_whole
 
 _TELLING = (
+    "board",
     "cli",
+    "datasets",
     "paper",
     "plots",
     "rates.py",

@@ -26,7 +26,7 @@ from jssa_gym.robots import DEFAULT, ROBOTS
 from jssa_gym.types import Trace
 from jssa_gym.validation import known_name
 
-_POLICY_SEEDS = 10**9
+POLICY_SEEDS = 10**9
 """Added to an episode's seed: what policy and people draw must have nothing in common."""
 
 
@@ -55,7 +55,7 @@ class Player(Generic[AnyRow]):
     def record(self, seed: int) -> Trace:
         """One episode, recorded."""
         # policies see the truth: what they are told must not depend on the shield's sensor
-        policy = self.plan.make_policy(self.cell, self.env, _POLICY_SEEDS + seed)
+        policy = self.plan.make_policy(self.cell, self.env, POLICY_SEEDS + seed)
         name = f"{', '.join(part for part in self.cell if part)}, seed {seed}"
         return rollout(self.env, policy, seed=seed, steps=self.plan.steps, name=name)
 
