@@ -13,6 +13,7 @@ from jssa_gym.cli.audit import AuditLog
 from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.compare import Compare
+from jssa_gym.cli.curves import Curves
 from jssa_gym.cli.demo import Demo
 from jssa_gym.cli.evaluate import Evaluate
 from jssa_gym.cli.recording import RecordingCommand
@@ -42,6 +43,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "evaluate": Evaluate,
     "compare": Compare,
     "train": Train,
+    "curves": Curves,
     "recording": RecordingCommand,
     "replay": Replay,
     "reproduce": Reproduce,
