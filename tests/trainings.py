@@ -40,7 +40,10 @@ def newest(folder):
 def results(folder) -> dict:
     """Everything that a training left and that no clock has a part in."""
     manifest = json.loads((newest(folder) / "manifest.json").read_text())
-    history = [{k: v for k, v in leg.items() if k != "seconds"} for leg in manifest["data"]["history"]]
+    history = [
+        {k: v for k, v in leg.items() if k not in ("seconds", "processor_seconds")}
+        for leg in manifest["data"]["history"]
+    ]
     policies = {
         name: {key: array.tobytes() for key, array in weights(folder / name).items()}
         for name in ("best.npz", "last.npz")

@@ -13,6 +13,7 @@ from jssa_gym.cli.audit import AuditLog
 from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.compare import Compare
+from jssa_gym.cli.curves import Curves
 from jssa_gym.cli.dataset import DatasetCommand
 from jssa_gym.cli.demo import Demo
 from jssa_gym.cli.evaluate import Evaluate
@@ -46,6 +47,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "leaderboard": LeaderboardCommand,
     "train": Train,
     "dataset": DatasetCommand,
+    "curves": Curves,
     "recording": RecordingCommand,
     "replay": Replay,
     "reproduce": Reproduce,

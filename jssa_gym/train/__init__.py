@@ -4,9 +4,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.train.aggregate import interquartile_mean, stratified_interval
 from jssa_gym.train.config import INSTALL, PRESETS, TrainConfig, preset
+from jssa_gym.train.curves import Band, LearningCurve, learning_curves
 from jssa_gym.train.environment import control_env, training_env
 from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, TD3, TQC, Settings
+from jssa_gym.train.sweep import SeedOutcome, train_seeds
 from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
 
 if TYPE_CHECKING:
@@ -20,18 +23,25 @@ __all__ = [
     "SAC",
     "TD3",
     "TQC",
+    "Band",
     "ExecutedAction",
     "ExecutedBuffer",
     "InterventionPenalty",
+    "LearningCurve",
     "ObserveIntervention",
+    "SeedOutcome",
     "Settings",
     "TrainConfig",
     "Training",
     "build",
     "control_env",
+    "interquartile_mean",
+    "learning_curves",
     "preset",
+    "stratified_interval",
     "to_policy",
     "train",
+    "train_seeds",
     "training_env",
 ]
 
