@@ -5,9 +5,41 @@ import numpy as np
 from jssa_gym.control.commands import TIP_SPEED, Commands
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
-from jssa_gym.tick.moves import tool_jacobians
+from jssa_gym.tick.moves import look_at_tools
 from jssa_gym.types import Array, JointState
 from jssa_gym.vectors import Mask
+
+
+class VectorResolvedRates:
+    """Joint velocities that move tool centre points, of many arms: each what
+    :class:`~jssa_gym.control.resolved.ResolvedRates` says, bit for bit.
+
+    Args:
+        robot: The arm that all are alike.
+        damping: As of one.
+    """
+
+    def __init__(self, robot: RobotModel, damping: float) -> None:
+        self._n, self._damping, self._frames = robot.n, damping, records(robot.n, FRAME)
+        # copies: to kernels arrays for reading alone are of another type
+        self._arm = np.array(robot.links), int(robot.tool_link), np.array(robot.tool_offset)
+        self._J = np.zeros((0, 3, robot.n))
+
+    def look(self, state: Array) -> Array:
+        """Where tool centre points are and how they move, shape (E, 2, 3) [m, m/s], at states of shape (E, 3, n)."""
+        motion, self._J = np.empty((len(state), 2, 3)), np.empty((len(state), 3, self._n))
+        look_at_tools(*self._arm, state, self._frames, motion, self._J)
+        return motion
+
+    def joint_velocity(self, velocity: Array) -> Array:
+        """Joint velocities, shape (E, n) [rad/s], for those of tools, shape (E, 3) [m/s], at the states looked at.
+
+        They are the same products and solutions as of one, a batch of them.
+        """
+        J = self._J
+        transposed = J.transpose(0, 2, 1)
+        damped = J @ transposed + self._damping**2 * np.eye(3)
+        return (transposed @ np.linalg.solve(damped, velocity[:, :, None]))[:, :, 0]
 
 
 class VectorCommands:
@@ -23,8 +55,8 @@ class VectorCommands:
 
     def __init__(self, robot: RobotModel, mode: str, share: float) -> None:
         self._one = Commands(robot.limits, mode, share, robot)
-        self._robot, self._rates = robot, self._one.rates
-        self._frames, self._motion = records(robot.n, FRAME), np.zeros((2, 3))
+        self._robot, rates = robot, self._one.rates
+        self._rates = None if rates is None else VectorResolvedRates(robot, rates.damping)
 
     @property
     def size(self) -> int:
@@ -42,20 +74,10 @@ class VectorCommands:
         clipped = np.clip(np.where(sound[:, None], command, 0.0), -1.0, 1.0)
         states = JointState(state[:, 0], state[:, 1], state[:, 2])
         if self._rates is not None:
-            velocity = self._joint_velocity(state, clipped * TIP_SPEED, self._rates.damping)
+            self._rates.look(state)
+            velocity = self._rates.joint_velocity(clipped * TIP_SPEED)
             jerk = self._one.cascade.jerk_at_speed(states, velocity) / self._robot.limits.jerk
         else:
             jerk = self._one.jerk(states, clipped)
         jerk[~sound] = np.nan
         return jerk
-
-    def _joint_velocity(self, state: Array, velocity: Array, damping: float) -> Array:
-        """As of :class:`~jssa_gym.control.ResolvedRates`: the same products and solutions, a batch of them."""
-        robot = self._robot
-        J = np.empty((len(state), 3, robot.n))
-        tool_jacobians(
-            np.array(robot.links), robot.tool_link, np.array(robot.tool_offset), state, self._frames, self._motion, J
-        )
-        transposed = J.transpose(0, 2, 1)
-        damped = J @ transposed + damping**2 * np.eye(3)
-        return (transposed @ np.linalg.solve(damped, velocity[:, :, None]))[:, :, 0]

@@ -57,6 +57,10 @@ class EpisodePlan(ABC, Generic[AnyRow]):
         """
 
     @abstractmethod
+    def named_policy(self, cell: Any) -> Any:
+        """What :meth:`make_policy` makes it of: a name, or what a user gave."""
+
+    @abstractmethod
     def measure(self, cell: Any, seed: int, trace: Trace, robot: RobotModel, begin: float) -> AnyRow:
         """An episode in numbers.
 

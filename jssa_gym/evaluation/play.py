@@ -3,12 +3,13 @@
 import logging
 import shlex
 import time
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic
 
 from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.evaluation.batch import LEAST, at_once, vector_like
 from jssa_gym.evaluation.contenders import NO_SENSOR
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.evaluation.judge import judge
@@ -16,12 +17,14 @@ from jssa_gym.evaluation.ledger import Chunk
 from jssa_gym.evaluation.people import PEOPLE, known_person
 from jssa_gym.evaluation.plan import AnyRow, EpisodePlan
 from jssa_gym.evaluation.rollout import rollout
+from jssa_gym.evaluation.rollout_vector import rollouts
 from jssa_gym.evaluation.rows import Setting, digest_of, trace_name
 from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.trace import save_trace
-from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.exceptions import InterfaceError, InvalidActionError, ParameterError
 from jssa_gym.humans.files import is_file
 from jssa_gym.policies import POLICIES, shipped_policies
+from jssa_gym.policies.vector import make_vector_policy
 from jssa_gym.robots import DEFAULT, ROBOTS
 from jssa_gym.types import Trace
 from jssa_gym.validation import known_name
@@ -56,13 +59,42 @@ class Player(Generic[AnyRow]):
         """One episode, recorded."""
         # policies see the truth: what they are told must not depend on the shield's sensor
         policy = self.plan.make_policy(self.cell, self.env, POLICY_SEEDS + seed)
-        name = f"{', '.join(part for part in self.cell if part)}, seed {seed}"
-        return rollout(self.env, policy, seed=seed, steps=self.plan.steps, name=name)
+        return rollout(self.env, policy, seed=seed, steps=self.plan.steps, name=self._name(seed))
 
     def measure(self, seed: int) -> AnyRow:
         """One episode in numbers."""
         begin = time.perf_counter()
         return self.plan.measure(self.cell, seed, self.record(seed), self.robot, begin)
+
+    def measure_all(self, seeds: Sequence[int]) -> Iterator[AnyRow]:
+        """Episodes in numbers, in order: played at once where that can be done, which changes nothing in them."""
+        size = at_once(self.plan.steps)
+        for some in (seeds[k : k + size] for k in range(0, len(seeds), size)):
+            yield from self._measure_at_once(some) or map(self.measure, some)
+
+    def _measure_at_once(self, seeds: Sequence[int]) -> Iterator[AnyRow] | None:
+        """Episodes in numbers, once all of them have been played; None where each has to be played by itself."""
+        plan, cell = self.plan, self.cell
+        if len(seeds) < LEAST or (envs := vector_like(self.env, len(seeds))) is None:
+            return None
+        draws = [POLICY_SEEDS + seed for seed in seeds]
+        # made as ever, so that its file is looked at as ever
+        policy, named = plan.make_policy(cell, self.env, draws[0]), plan.named_policy(cell)
+        together = make_vector_policy(named if isinstance(named, str) and named in POLICIES else policy, envs)
+        if together is None:
+            return None
+        names = [self._name(seed) for seed in seeds]
+        try:
+            played = rollouts(envs, together, seeds, draws, names, steps=plan.steps)
+        except InvalidActionError:  # whose that was, and what ended before, single episodes tell
+            return None
+        return (
+            plan.measure(cell, seed, trace, self.robot, time.perf_counter() - took)
+            for seed, (trace, took) in zip(seeds, played, strict=True)
+        )
+
+    def _name(self, seed: int) -> str:
+        return f"{', '.join(part for part in self.cell if part)}, seed {seed}"
 
     def save(self, trace: Trace, seed: int, folder: Path) -> tuple[Path, str]:
         """Keep an episode's recording in a folder; its path and digest."""
@@ -77,8 +109,7 @@ def play(chunk: Chunk[AnyRow]) -> Iterator[AnyRow]:
     plan, cell = chunk.plan, chunk.cell
     with _warnings_unsaid(plan.spoiled(cell)):
         player = Player(plan, cell)
-        for seed in chunk.seeds:
-            row = player.measure(seed)
+        for seed, row in zip(chunk.seeds, player.measure_all(chunk.seeds), strict=True):
             if plan.doubts(row):
                 trace = player.record(seed)
                 row = plan.judged(row, trace, judge(trace, player.robot))

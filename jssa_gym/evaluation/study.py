@@ -173,6 +173,9 @@ class Study(Evaluation):
         check_unchanged(cell.policy, dict(self.code).get(cell.policy, ""))  # what was read, after it was read
         return policy
 
+    def named_policy(self, cell: Setting) -> str:
+        return cell.policy
+
 
 @dataclass(frozen=True, slots=True)
 class Single(Evaluation):
@@ -270,6 +273,9 @@ class Single(Evaluation):
         if isinstance(self.policy, str):
             check_unchanged(self.policy, self.code)
         return policy
+
+    def named_policy(self, cell: Setting) -> Any:
+        return self.policy
 
 
 def _uncovered(env: gym.Env) -> tuple[str, ...]:

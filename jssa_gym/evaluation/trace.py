@@ -51,6 +51,16 @@ def trace_of(once: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Trac
     )
 
 
+def trace_of_columns(once: Mapping[str, Any], columns: Mapping[str, Any]) -> Trace:
+    """The same trace from what its fields are after all control steps.
+
+    Args:
+        once: By field.
+        columns: Arrays or lists with a row a control step, by field; copied.
+    """
+    return Trace(**once, **{field: np.array(column, _ARRAYS[field], order="C") for field, column in columns.items()})
+
+
 def save_trace(trace: Trace, path: str | Path, meta: Mapping[str, Any] | None = None) -> None:
     """Write a trace into one file that is complete or not there.
 

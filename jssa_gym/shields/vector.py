@@ -13,7 +13,7 @@ from jssa_gym.shields.environment import refuse_misfit
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.people import tell_of_fast_people
 from jssa_gym.shields.shield import INTERVENES, JSSAShield, Shield
-from jssa_gym.shields.words import Told, in_words, kind_of, reason_codes
+from jssa_gym.shields.words import KINDS, Told, in_words, kind_codes, reason_codes
 from jssa_gym.tick import codes, layout
 from jssa_gym.tick.moves import replace_actions, take_nominals
 from jssa_gym.types import Array, Kind
@@ -67,7 +67,7 @@ class VectorShield(VectorWrapper):
         """How every arm is looked after; it decides nothing itself."""
         settings, planes = filter.settings(), self._arms.planes
         fixed = settings.guarded or settings.static_rows
-        self._guarded = settings.guarded
+        self._settings, self._guarded = settings, settings.guarded
         count, names = env.num_envs, self._arms.part_names
         self._batch = Batch(filter, count, names, planes=len(planes.offset) if fixed else 0)
         scene = self._batch.scene
@@ -95,8 +95,7 @@ class VectorShield(VectorWrapper):
         """
         live, fraction = self._arms.ready(), self._arms.checked(actions)
         take_nominals(fraction, self._jerk_bound, self._nominal)
-        self._show()
-        answer = self._batch.decide(self._nominal, live)
+        answer = self._decide(live)
         correction = np.zeros(self.num_envs)
         replaced = live & (answer.told["status"] != codes.NOMINAL)
         replace_actions(answer.jerk, self._jerk_bound, replaced, fraction, correction)
@@ -110,17 +109,39 @@ class VectorShield(VectorWrapper):
                 values[key][began] = value[began]
         return observations, rewards, terminated, truncated, infos | as_infos(values, np.ones_like(began))
 
+    @property
+    def nominal(self) -> Array:
+        """What was asked for in the last step, shape (E, n) [rad/s³]; 0 at the beginning of an episode. A view."""
+        return self._nominal
+
     def reasons(self) -> list[str]:
         """Why each jerk of the last step, or at the beginning of an episode, is not the nominal: ``shield/reason``."""
-        batch, told = self._batch, self._batch.answer.told.tolist()
-        return [
-            in_words(Told(*one), self._nominal[e], self.filter.robot, _Records.of(batch, self.filter, e), self._words)  # ty: ignore[invalid-argument-type]
-            for e, one in enumerate(told)
-        ]  # fmt: skip
+        return [self.reason(e) for e in range(self.num_envs)]
+
+    def reason(self, e: int) -> str:
+        """The reason of arm ``e`` alone."""
+        batch = self._batch
+        if batch.answer.told["status"][e] == codes.NOMINAL:
+            return ""
+        told, records = Told(*batch.answer.told[e].item()), _Records(batch, self._settings, e)
+        return in_words(told, self._nominal[e], self.filter.robot, records, self._named(e))  # ty: ignore[invalid-argument-type]
 
     def kinds(self) -> list[Kind]:
         """What kind of jerk is applied to each: ``shield/kind``."""
-        return [kind_of(Told(*one)) for one in self._batch.answer.told.tolist()]
+        return [KINDS[code] for code in self.kind_codes().tolist()]
+
+    def kind_codes(self) -> NDArray[np.int64]:
+        """The same by place in :data:`~jssa_gym.shields.words.KINDS`, shape (E,)."""
+        return kind_codes(self._batch.answer.told)
+
+    def _named(self, e: int) -> "_Names":
+        """What is known by name where arm ``e`` is, and what of its last scene could not be read."""
+        return self._words
+
+    def _decide(self, live: Mask) -> layout.Answer:
+        """Let filters see the present, and decide."""
+        self._show()
+        return self._batch.decide(self._nominal, live)
 
     def _show(self) -> None:
         """Let filters see the present."""
@@ -166,14 +187,17 @@ class _Names(NamedTuple):
     wrong: Mapping[str, str] = {"joints": "", "clock": "", "people": "", "fixtures": ""}  # never changed
 
 
-class _Records(NamedTuple):
+class _Records:
     """One arm's part of a batch, as :class:`~jssa_gym.shields.records.Records` has it."""
 
-    memory: layout.Memory
-    scene: layout.SceneRecord
-    settings: layout.StepSettings
+    def __init__(self, batch: Batch, settings: layout.StepSettings, e: int) -> None:
+        self._batch, self.settings, self._e = batch, settings, e
 
-    @classmethod
-    def of(cls, batch: Batch, filter: SafetyFilter, e: int) -> "_Records":
-        parts: Any = [[part[e : e + 1] for part in all] for all in (batch.memory, batch.scene)]
-        return cls(layout.Memory(*parts[0]), layout.SceneRecord(*parts[1]), filter.settings())
+    # most words need neither
+    @property
+    def memory(self) -> layout.Memory:
+        return layout.Memory(*(part[self._e : self._e + 1] for part in self._batch.memory))
+
+    @property
+    def scene(self) -> layout.SceneRecord:
+        return layout.SceneRecord(*(part[self._e : self._e + 1] for part in self._batch.scene))

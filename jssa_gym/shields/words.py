@@ -1,6 +1,6 @@
 """What a control step answered, in words: the only place where codes become text."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,19 @@ def kind_of(told: Told) -> Kind:
     if told.chosen in (HALFWAY, GRADED):
         return "graded"
     return "nominal" if told.status == codes.NOMINAL else "projected"
+
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+"""Kinds of jerks; :func:`kind_codes` says them by their place here."""
+
+
+def kind_codes(told: NDArray[Any]) -> NDArray[np.int64]:
+    """:func:`kind_of` of many answers, shape (E,) of :data:`~jssa_gym.tick.layout.ANSWER`, by place in :data:`KINDS`."""
+    status, chosen = told["status"], told["chosen"]
+    graded = (chosen == HALFWAY) | (chosen == GRADED)
+    which = (status == codes.FAULT, chosen == STORED, graded, status == codes.NOMINAL)
+    names: tuple[Kind, ...] = ("fault", "stop", "graded", "nominal")
+    return np.select(which, [KINDS.index(name) for name in names], KINDS.index("projected"))
 
 
 def reason_codes(told: NDArray[Any], finite: NDArray[np.bool_], guarded: bool) -> NDArray[np.int64]:

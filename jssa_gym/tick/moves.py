@@ -30,6 +30,8 @@ class Measured(NamedTuple):
     """Position and velocity of the tool centre point, shape (E, 2, 3) [m, m/s]."""
     near: Floats
     """The closest pair, shape (E, 13); see :func:`~jssa_gym.kernels.contact.observe`."""
+    pair: NDArray[np.int64]
+    """Its capsules, the arm's and the human one, shape (E, 2); -1 without a human."""
     parts: Floats
     """Smallest distance to each of a person's capsules, shape (E, p) [m]."""
     segments: NDArray
@@ -43,6 +45,7 @@ def measured(arms: int, parts: int, segments: NDArray) -> Measured:
         np.zeros(arms, np.bool_),
         np.zeros((arms, 2, 3)),
         np.zeros((arms, 13)),
+        np.full((arms, 2), -1),
         np.zeros((arms, parts)),
         segments,
     )
@@ -107,8 +110,11 @@ def move_all(body, people, live, before, jerk, dt, seen, out):
         if not live[e]:
             continue
         own = People(ends[e, 0], ends[e, 1], ends[e, 2], ends[e, 3], radius[e])
-        _, _, distance, contact_speed, tip_speed, violation = move(body, own, before[e], jerk[e], dt, after, seen)
+        row, column, distance, contact_speed, tip_speed, violation = move(
+            body, own, before[e], jerk[e], dt, after, seen
+        )
         before[e] = after
+        out.pair[e, 0], out.pair[e, 1] = row, column
         out.distance[e], out.contact_speed[e] = distance, contact_speed
         out.tip_speed[e], out.violation[e] = tip_speed, violation
         out.tip[e], out.near[e], out.parts[e] = seen.tip, seen.near, seen.parts
@@ -158,13 +164,19 @@ def ease(elapsed, powers, out):
 
 
 @jit
-def tool_jacobians(links, tool_link, tool_offset, state, frames, motion, J):
-    """Jacobians of the tool centre points into ``J``, shape (E, 3, n), of joint states, shape (E, 3, n).
+def look_at_tools(links, tool_link, tool_offset, state, frames, motion, J):
+    """How tool centre points move, into ``motion``, and their Jacobians, into ``J``, of joint states, shape (E, 3, n).
 
-    ``links`` are the arm's, ``tool_offset`` [m] is the tool's in the frame of ``tool_link``; ``frames`` and ``motion``
-    are scratch.
+    Args:
+        links: The arms', shape (n,) of ``LINK``.
+        tool_link: What the tool centre point is fixed to ...
+        tool_offset: ... and where in that link's frame, shape (3,) [m].
+        state: Shape (E, 3, n).
+        frames: Scratch, shape (n,) of ``FRAME``.
+        motion: Result: positions and velocities, shape (E, 2, 3) [m, m/s].
+        J: Result, shape (E, 3, n).
     """
     for e in range(state.shape[0]):
         forward(links, state[e], frames)
-        tool_motion(frames, tool_link, tool_offset, motion)
-        jacobian(frames, tool_link, motion[0], J[e])
+        tool_motion(frames, tool_link, tool_offset, motion[e])
+        jacobian(frames, tool_link, motion[e, 0], J[e])

@@ -1,0 +1,84 @@
+"""Which episodes can be played many at once, and the environments in which they are."""
+
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
+
+from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.envs.vector import VectorArmEnv
+from jssa_gym.evaluation.rollout_vector import TimedShield
+from jssa_gym.exceptions import ParameterError
+from jssa_gym.shields import JSSAShield, SafetyFilter, Shield
+
+MOST = 64
+"""Most episodes that are played at once."""
+
+LEAST = 4
+"""Fewest: for fewer the calls of a step take longer than single ones."""
+
+_STEPS = 64_000
+"""Most steps of all episodes at once: what is recorded of one takes about 1 KiB."""
+
+_PASSIVE = (OrderEnforcing, PassiveEnvChecker)
+"""Wrappers that change nothing."""
+
+
+def at_once(steps: int) -> int:
+    """How many episodes of so many steps are played at once."""
+    return max(1, min(MOST, _STEPS // steps))
+
+
+def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
+    """So many environments like one, in a vector that does for each what the single one does.
+
+    Args:
+        env: The single one; it stays as it is.
+        count: How many.
+
+    Returns:
+        The vector, or None where something is asked one arm at a time: servos, the projector of OSQP, and people,
+        tasks, filters and wrappers of a user's own.
+    """
+    limits, shield, layer = list[int](), None, env
+    while isinstance(layer, gym.Wrapper):
+        kind = type(layer)
+        if kind is TimeLimit:
+            limits.append(layer._max_episode_steps)  # ty: ignore[unresolved-attribute]  # of a TimeLimit
+        elif kind in (Shield, JSSAShield):
+            shield = layer
+        elif kind not in _PASSIVE:
+            return None
+        layer = layer.env
+    if not _is_plain(layer) or (shield is not None and not _is_compiled(shield.filter)):
+        return None
+    one: Any = layer
+    try:
+        arms = VectorArmEnv(
+            count,
+            one.task,
+            human=one.human,
+            scene=one._scene_name,
+            robot=one.robot,
+            terminate_on=one.terminate_on,
+            d_min=one.d_min,
+            dt=one.dt,
+            max_episode_steps=min(limits, default=None),
+            autoreset_mode=AutoresetMode.DISABLED,
+        )
+    except ParameterError:  # people or a task of a user's own
+        return None
+    return arms if shield is None else TimedShield(arms, shield.filter)
+
+
+def _is_plain(env: gym.Env) -> bool:
+    """Whether an environment is one of this package's as it is, that draws nothing."""
+    return type(env) is ArmEnv and env.dynamics == "kinematic" and env.render_mode is None
+
+
+def _is_compiled(filter: SafetyFilter) -> bool:
+    """Whether all that a filter does is what the compiled step does."""
+    kind = type(filter)
+    asked = kind.decide is SafetyFilter.decide and kind.reset is SafetyFilter.reset
+    return filter.compiled and asked and not {"decide", "reset"} & vars(filter).keys()
