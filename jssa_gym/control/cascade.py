@@ -46,9 +46,12 @@ class Cascade:
             state: Joint state.
             target: Shape (n,) [rad].
         """
-        limits = self.limits
-        goal = np.clip(target, limits.position[:, 0], limits.position[:, 1])
-        return self.jerk_at_speed(state, self.kp * (goal - state.position))
+        return self.jerk_at_speed(state, self.velocity(state, target))
+
+    def velocity(self, state: JointState, target: Array) -> Array:
+        """What the outer loop asks for, before it is clipped, shape (n,) [rad/s]; arguments as of :meth:`jerk`."""
+        position = self.limits.position
+        return self.kp * (np.clip(target, position[:, 0], position[:, 1]) - state.position)
 
     def jerk_at_speed(self, state: JointState, velocity: Array) -> Array:
         """Jerk towards a joint velocity by the inner loops alone, shape (n,) [rad/s³].
@@ -58,7 +61,18 @@ class Cascade:
             velocity: Shape (n,) [rad/s]; clipped to the share of the limits.
         """
         limits = self.limits
-        fastest, hardest = self.share * limits.velocity, self.share * limits.acceleration
+        return self.within(state, velocity, self.share * limits.velocity, self.share * limits.acceleration)
+
+    def within(self, state: JointState, velocity: Array, fastest: Array, hardest: Array) -> Array:
+        """The same with other bounds of the references; of many arms too, then of shape (E, n).
+
+        Args:
+            state: Joint state.
+            velocity: Shape (n,) [rad/s].
+            fastest: Of the velocity reference, shape (n,) [rad/s].
+            hardest: Of the acceleration reference, shape (n,) [rad/s²].
+        """
+        bound = self.limits.jerk
         v = np.clip(velocity, -fastest, fastest)
         a = np.clip(self.kv * (v - state.velocity), -hardest, hardest)
-        return np.clip(self.ka * (a - state.acceleration), -limits.jerk, limits.jerk)
+        return np.clip(self.ka * (a - state.acceleration), -bound, bound)

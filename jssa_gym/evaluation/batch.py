@@ -1,6 +1,6 @@
 """Which episodes can be played many at once, and the environments in which they are."""
 
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -41,19 +41,18 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
         The vector, or None where something is asked one arm at a time: servos, the projector of OSQP, and people,
         tasks, filters and wrappers of a user's own.
     """
-    limits, shield, layer = list[int](), None, env
-    while isinstance(layer, gym.Wrapper):
-        kind = type(layer)
+    limits, shield, one = list[int](), None, cast(Any, env)
+    while isinstance(one, gym.Wrapper):
+        kind = type(one)
         if kind is TimeLimit:
-            limits.append(layer._max_episode_steps)  # ty: ignore[unresolved-attribute]  # of a TimeLimit
+            limits.append(one._max_episode_steps)
         elif kind in (Shield, JSSAShield):
-            shield = layer
+            shield = one
         elif kind not in _PASSIVE:
             return None
-        layer = layer.env
-    if not _is_plain(layer) or (shield is not None and not _is_compiled(shield.filter)):
+        one = one.env
+    if not _is_plain(one) or (shield is not None and not _is_compiled(shield.filter)):
         return None
-    one: Any = layer
     try:
         arms = VectorArmEnv(
             count,

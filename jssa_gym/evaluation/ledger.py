@@ -7,8 +7,9 @@ import importlib.metadata
 import io
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, get_args, get_type_hints
 
@@ -97,13 +98,15 @@ class Results(Generic[AnyRow]):
             found[episode.cell].append(episode)
         return found
 
-    def chunks(self, size: int) -> list[Chunk[AnyRow]]:
-        """What is left to play, at most ``size`` episodes of one cell together."""
+    def chunks(self, size: int | Callable[[Any], int]) -> list[Chunk[AnyRow]]:
+        """What is left to play, at most so many episodes of one cell together; ``size`` may depend on the cell."""
         done = {(episode.cell, episode.seed) for episode in self.episodes}
         chunks = []
         for cell, seeds in self.plan.seeds().items():
             left = [seed for seed in seeds if (cell, seed) not in done]
-            chunks += [Chunk(self.plan, cell, left[k : k + size], self.traces) for k in range(0, len(left), size)]
+            parts = -(-len(left) // (size if isinstance(size, int) else size(cell)))
+            bounds = [k * len(left) // parts for k in range(parts + 1)] if parts else []
+            chunks += [Chunk(self.plan, cell, left[a:b], self.traces) for a, b in pairwise(bounds)]
         return chunks
 
 

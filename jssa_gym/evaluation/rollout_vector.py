@@ -123,7 +123,7 @@ class VectorRecorder:
             "plane_offset": np.array(planes.offset),
             "plane_names": planes.names,
         }
-        columns = {name: array[own] for name, array in (self._said | self._told).items()}
+        columns: dict[str, Any] = {name: array[own] for name, array in (self._said | self._told).items()}
         columns |= {
             "time": self._time[own],
             "position": state[:, 0],
@@ -146,8 +146,13 @@ class VectorRecorder:
 
 
 def rollouts(
-    envs: VectorEnv, policy: VectorPolicy, seeds: Sequence[int], policy_seeds: Sequence[int], names: Sequence[str],
-    *, steps: int,
+    envs: VectorEnv,
+    policy: VectorPolicy,
+    seeds: Sequence[int],
+    policy_seeds: Sequence[int],
+    names: Sequence[str],
+    *,
+    steps: int,
 ) -> Iterator[tuple[Trace, float]]:
     """Run one episode of every arm and record them all.
 

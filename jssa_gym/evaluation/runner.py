@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium as gym
 
 from jssa_gym.envs.arm import MOVING
+from jssa_gym.evaluation.batch import at_once
 from jssa_gym.evaluation.blocked import warning
 from jssa_gym.evaluation.cluster import Cluster, whose
 from jssa_gym.evaluation.ledger import Chunk, Ledger, Results, worst
@@ -22,12 +23,13 @@ from jssa_gym.evaluation.study import Evaluation, Single
 from jssa_gym.evaluation.trace import read_meta
 from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, TraceError
+from jssa_gym.policies.vector import has_vector_form
 from jssa_gym.validation import whole_number
 
 _logger = logging.getLogger("jssa_gym")
 
 _CHUNK = 10
-"""Most episodes of one cell played together: what a crash loses at most, for every job."""
+"""Most episodes of one cell that are played one after the other: what a crash loses at most, for every job."""
 
 Progress = Callable[[int, int], Any]
 """Called with the number of episodes played so far and of all."""
@@ -138,7 +140,11 @@ def finish(results: Results[AnyRow], jobs: int | Cluster, done: Callable[[list[A
     """
     # small enough that nobody waits for the last one
     count = jobs.jobs if isinstance(jobs, Cluster) else jobs
-    size = min(_CHUNK, max(1, results.plan.total() // (4 * count)))
+    plan = results.plan
+    share = max(1, plan.total() // (4 * count))
+
+    def size(cell: Any) -> int:
+        return min(at_once(plan.steps) if has_vector_form(plan.named_policy(cell)) else _CHUNK, share)
 
     def add(episodes: list[AnyRow]) -> None:
         results.append(episodes)

@@ -1,11 +1,10 @@
 """Policies that are out for trouble: what a shield has to stand."""
 
-from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.control import Cascade
 from jssa_gym.exceptions import ParameterError
@@ -29,13 +28,17 @@ class BangBangPolicy:
         self._n = env.get_wrapper_attr("robot").n
         self._chance = min(1.0, env.get_wrapper_attr("dt") / positive_number("period", period))
         self._rng = np.random.default_rng(seed)
-        self._action = self._rng.choice([-1.0, 1.0], self._n)
+        self.action = self._rng.choice([-1.0, 1.0], self._n)
+        """What was done last, or comes before the first."""
 
     def __call__(self, observation: Any) -> Array:
         """An action of ones and minus ones, shape (n,)."""
-        switch = self._rng.random(self._n) < self._chance
-        self._action = np.where(switch, -self._action, self._action)
-        return self._action.copy()
+        self.action = np.where(self.draw(1)[0], -self.action, self.action)
+        return self.action.copy()
+
+    def draw(self, count: int) -> NDArray[np.bool_]:
+        """Which joints switch in the next so many steps, shape (count, n)."""
+        return self._rng.random((count, self._n)) < self._chance
 
 
 class ConstantPolicy:
@@ -57,10 +60,14 @@ class ConstantPolicy:
         """The present action, shape (n,)."""
         time = self._env.get_wrapper_attr("scene").time
         if time < self._time or time >= self._until:
-            self._action = self._rng.uniform(-1.0, 1.0, self._n)
-            self._until = time + self._rng.exponential(self._period)
+            self._action, duration = self.draw()
+            self._until = time + duration
         self._time = time
         return self._action.copy()
+
+    def draw(self) -> tuple[Array, float]:
+        """Another action, shape (n,), and for how long [s]."""
+        return self._rng.uniform(-1.0, 1.0, self._n), self._rng.exponential(self._period)
 
 
 class LimitSeekingPolicy:
@@ -81,31 +88,45 @@ class LimitSeekingPolicy:
         self._env, self._limits = env, env.get_wrapper_attr("robot").limits
         n = len(self._limits.jerk)
         self._excess, self._patience = positive_number("excess", excess), positive_number("patience", patience)
-        self._rng = np.random.default_rng(seed)
-        self._side, self._over, self._until = np.ones(n), np.ones(n), np.full(n, -np.inf)
+        self._rng, self._cascade = np.random.default_rng(seed), Cascade(self._limits, share=1.0)
+        self._over = np.ones(n)
+        self.side = np.ones(n)
+        """Which way each joint is sent, 1 or -1."""
+        self.until = np.full(n, -np.inf)
+        """When it is sent elsewhere at the latest [s]."""
         self._time = np.inf
 
     def __call__(self, observation: Any) -> Array:
         """Action that seeks the limits, shape (n,)."""
         scene, limits = self._env.get_wrapper_attr("scene"), self._limits
         if scene.time < self._time:
-            self._until[:] = -np.inf
+            self.until[:] = -np.inf
         self._time = scene.time
         low, high = limits.position.T
-        past = np.where(self._side > 0.0, scene.robot.position > high, scene.robot.position < low)
-        turn = past | (scene.time >= self._until)
+        past = np.where(self.side > 0.0, scene.robot.position > high, scene.robot.position < low)
+        turn = past | (scene.time >= self.until)
         if turn.any():
-            n = len(turn)
-            side, over = self._rng.choice([-1.0, 1.0], n), 1.0 + self._excess * self._rng.integers(0, 2, n)
-            until = scene.time + self._patience * self._rng.uniform(0.3, 1.0, n)
-            self._side = np.where(past, -self._side, np.where(turn, side, self._side))
-            self._over, self._until = np.where(turn, over, self._over), np.where(turn, until, self._until)
-            wider = replace(
-                limits, velocity=limits.velocity * self._over, acceleration=limits.acceleration * self._over
-            )
-            self._cascade = Cascade(wider, share=1.0)
-        wanted = self._side * self._cascade.limits.velocity
-        return self._cascade.jerk_at_speed(scene.robot, wanted) / limits.jerk
+            self.redirect(scene.time, past, turn)
+        fastest, hardest = self.fastest, self.hardest
+        return self._cascade.within(scene.robot, self.side * fastest, fastest, hardest) / limits.jerk
+
+    def redirect(self, time: float, past: NDArray[np.bool_], turn: NDArray[np.bool_]) -> None:
+        """Send those joints that ``turn`` elsewhere, those ``past`` the end of their ranges back, shapes (n,)."""
+        n = len(turn)
+        side, over = self._rng.choice([-1.0, 1.0], n), 1.0 + self._excess * self._rng.integers(0, 2, n)
+        until = time + self._patience * self._rng.uniform(0.3, 1.0, n)
+        self.side = np.where(past, -self.side, np.where(turn, side, self.side))
+        self._over, self.until = np.where(turn, over, self._over), np.where(turn, until, self.until)
+
+    @property
+    def fastest(self) -> Array:
+        """Speed that each joint is sent at, shape (n,) [rad/s]."""
+        return self._limits.velocity * self._over
+
+    @property
+    def hardest(self) -> Array:
+        """Acceleration that it is sent with, shape (n,) [rad/s²]."""
+        return self._limits.acceleration * self._over
 
 
 class ChasePolicy:
@@ -122,7 +143,7 @@ class ChasePolicy:
 
     def __init__(self, env: gym.Env, seed: int | None = None, damping: float = 0.05) -> None:
         self._env, self._robot = env, env.get_wrapper_attr("robot")
-        self._damping = positive_number("damping", damping)
+        self.damping = positive_number("damping", damping)
         self._cascade = Cascade(self._robot.limits, share=1.0)
         self._frames, self._tip = records(self._robot.n, FRAME), np.zeros((2, 3))
         self._jacobian = np.zeros((3, self._robot.n))
@@ -146,7 +167,7 @@ class ChasePolicy:
         jacobian(self._frames, robot.tool_link, self._tip[0], J)
         _, point = nearest_to_point(self._tip[0], people.start, people.end, people.radius)
         way = np.array(point) - self._tip[0]
-        velocity = J.T @ np.linalg.solve(J @ J.T + self._damping**2 * np.eye(3), way)
+        velocity = J.T @ np.linalg.solve(J @ J.T + self.damping**2 * np.eye(3), way)
         # which way counts; how fast is up to the limits
         return velocity / max(np.max(np.abs(velocity) / robot.limits.velocity), 1e-9)
 

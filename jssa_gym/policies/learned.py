@@ -122,18 +122,23 @@ class LearnedPolicy:
             return command
         return self._commands.jerk(self.joint_state(x), command)
 
+    @property
+    def commands(self) -> Commands | None:
+        """What turns the network's answer into jerk; None where that is what it says."""
+        return self._commands
+
     def with_provenance(self, provenance: Mapping[str, Any]) -> "LearnedPolicy":
         """The same policy that says something else about where it comes from."""
         return replace(self, provenance=provenance)
 
     def joint_state(self, observation: Array) -> JointState:
-        """The joint state that an observation begins with.
+        """The joint state that an observation begins with, or those that many begin with, of fields (..., n).
 
         Args:
-            observation: Shape (n_obs,).
+            observation: Shape (..., n_obs).
         """
         limits, n = self.limits, len(self.limits.jerk)
-        position, velocity, acceleration = observation[: 3 * n].reshape(3, n)
+        position, velocity, acceleration = np.split(observation[..., : 3 * n], 3, axis=-1)
         low, high = limits.position.T
         return JointState(
             (low + high) / 2.0 + position * ((high - low) / 2.0),

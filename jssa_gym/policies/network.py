@@ -87,19 +87,19 @@ class Network:
         return len(self.layers[-1][1])
 
     def __call__(self, observation: Array) -> Array:
-        """What the network answers, float64, shape (n_act,); at the end of its range, or NaN, where it overflows.
+        """What the network answers, float64, shape (..., n_act); at the end of its range, or NaN, where it overflows.
 
         Args:
-            observation: Shape (n_obs,).
+            observation: Shape (..., n_obs); what is answered to one does not depend on the others.
         """
         *hidden, (weight, bias) = self.layers
         act = ACTIVATIONS[self.activation]
         with np.errstate(over="ignore", invalid="ignore"):
             x = np.clip((observation - self.mean) / self.std, -self.clip, self.clip)
-            # row by row: the bits of a matrix product may depend on the number of threads
+            # row by row: the bits of a matrix product may depend on the number of threads, and of observations
             for inner, offset in hidden:
-                x = act(np.vecdot(inner, x) + offset)
-            return OUTPUTS[self.output](np.vecdot(weight, x) + bias)
+                x = act(np.vecdot(inner, x[..., None, :]) + offset)
+            return OUTPUTS[self.output](np.vecdot(weight, x[..., None, :]) + bias)
 
 
 def _read_only(array: NDArray) -> Array:

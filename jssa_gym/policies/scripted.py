@@ -52,7 +52,11 @@ class RandomPolicy:
 
     def __call__(self, observation: Any) -> Array:
         """A random action, shape (n,)."""
-        return self._rng.uniform(-1.0, 1.0, self._n)
+        return self.draw(1)[0]
+
+    def draw(self, count: int) -> Array:
+        """The next so many actions, shape (count, n)."""
+        return self._rng.uniform(-1.0, 1.0, (count, self._n))
 
 
 class WanderPolicy:
@@ -68,7 +72,7 @@ class WanderPolicy:
         patience: Longest time for one posture [s].
     """
 
-    _NEAR = 0.3
+    NEAR = 0.3
     """Distance of every joint from its goal at which the next posture is drawn [rad]: the arm does not stop."""
 
     _CLEAR = 0.03
@@ -83,7 +87,7 @@ class WanderPolicy:
     ) -> None:
         self._env, self._rng = env, np.random.default_rng(seed)
         self._robot = env.get_wrapper_attr("robot")
-        self._share, self._patience = low_high("share", share, 0.05), positive_number("patience", patience)
+        self._share, self.patience = low_high("share", share, 0.05), positive_number("patience", patience)
         if self._share[1] > 1.0:
             raise ParameterError(f"share has to be at most 1, got {share!r}")
         self._time, self._until = np.inf, -np.inf
@@ -93,14 +97,18 @@ class WanderPolicy:
         scene = self._env.get_wrapper_attr("scene")
         # a clock that went back is a new episode's
         if scene.time < self._time or scene.time >= self._until or self._there(scene.robot):
-            self._target = self._posture(scene.planes)
-            self._cascade = Cascade(self._robot.limits, share=self._rng.uniform(*self._share))
-            self._until = scene.time + self._patience
+            self._target, share = self.draw(scene.planes)
+            self._cascade = Cascade(self._robot.limits, share=share)
+            self._until = scene.time + self.patience
         self._time = scene.time
         return self._cascade.jerk(scene.robot, self._target) / self._robot.limits.jerk
 
+    def draw(self, planes: Planes) -> tuple[Array, float]:
+        """Another posture, shape (n,) [rad], and the share of the limits on the way there."""
+        return self._posture(planes), self._rng.uniform(*self._share)
+
     def _there(self, state: JointState) -> bool:
-        return bool(np.abs(self._target - state.position).max() < self._NEAR)
+        return bool(np.abs(self._target - state.position).max() < self.NEAR)
 
     def _posture(self, planes: Planes) -> Array:
         robot = self._robot

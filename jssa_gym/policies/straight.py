@@ -35,22 +35,23 @@ class StraightPolicy:
         if not hasattr(env.unwrapped, "goal"):
             raise ParameterError(f"{env} has no goal to move to; HoldPolicy holds a joint position on any environment")
         self._env, self._robot = env, env.get_wrapper_attr("robot")
-        self._gain, self._speed = positive_number("gain", gain), positive_number("speed", speed)
+        self.gain, self.speed = positive_number("gain", gain), positive_number("speed", speed)
         self._rates = ResolvedRates(self._robot, damping)
+        self.damping = self._rates.damping
         self._tip = getattr(getattr(env.unwrapped, "task", None), "space", "joints") == "tip"
-        self._cascade = Cascade(self._robot.limits, share=1.0 if self._tip else 0.5)
+        self.cascade = Cascade(self._robot.limits, share=1.0 if self._tip else 0.5)
 
     def __call__(self, observation: Any) -> Array:
         """Action towards the goal, shape (n,)."""
         state, goal = self._env.get_wrapper_attr("scene").robot, self._env.get_wrapper_attr("goal")
         if self._tip:
-            jerk = self._cascade.jerk_at_speed(state, self._velocity(state, goal))
+            jerk = self.cascade.jerk_at_speed(state, self._velocity(state, goal))
         else:
-            jerk = self._cascade.jerk(state, goal if goal.ndim == 1 else goal[-1])
+            jerk = self.cascade.jerk(state, goal if goal.ndim == 1 else goal[-1])
         return jerk / self._robot.limits.jerk
 
     def _velocity(self, state: JointState, goal: Array) -> Array:
         """Joint velocity that moves the tool centre point towards a point (3,), shape (n,) [rad/s]."""
         way = goal - self._rates.look(state)[0]
-        rate = min(self._gain, self._speed / max(float(np.linalg.norm(way)), 1e-9))
+        rate = min(self.gain, self.speed / max(float(np.linalg.norm(way)), 1e-9))
         return self._rates.joint_velocity(rate * way)

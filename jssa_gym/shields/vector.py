@@ -196,8 +196,11 @@ class _Records:
     # most words need neither
     @property
     def memory(self) -> layout.Memory:
-        return layout.Memory(*(part[self._e : self._e + 1] for part in self._batch.memory))
+        return layout.Memory(*self._own(self._batch.memory))
 
     @property
     def scene(self) -> layout.SceneRecord:
-        return layout.SceneRecord(*(part[self._e : self._e + 1] for part in self._batch.scene))
+        return layout.SceneRecord(*self._own(self._batch.scene))
+
+    def _own(self, parts: Any) -> Any:
+        return [part[self._e : self._e + 1] for part in parts]

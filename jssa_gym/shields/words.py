@@ -79,7 +79,11 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 def kind_codes(told: NDArray[Any]) -> NDArray[np.int64]:
-    """:func:`kind_of` of many answers, shape (E,) of :data:`~jssa_gym.tick.layout.ANSWER`, by place in :data:`KINDS`."""
+    """:func:`kind_of` of many answers, shape (E,), as their places in :data:`KINDS`.
+
+    Args:
+        told: Shape (E,) of :data:`~jssa_gym.tick.layout.ANSWER`.
+    """
     status, chosen = told["status"], told["chosen"]
     graded = (chosen == HALFWAY) | (chosen == GRADED)
     which = (status == codes.FAULT, chosen == STORED, graded, status == codes.NOMINAL)

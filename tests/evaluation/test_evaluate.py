@@ -383,7 +383,8 @@ def test_a_finished_study_is_read_not_played(finished, monkeypatch):
     def fails(*arguments):
         raise AssertionError("played")
 
-    monkeypatch.setattr("jssa_gym.evaluation.play.Player.record", fails)
+    for name in ("record", "measure_all"):
+        monkeypatch.setattr(f"jssa_gym.evaluation.play.Player.{name}", fails)
     folder, reports = finished
     seen = []
     assert complete(TINY, folder, keep=2, progress=lambda *count: seen.append(count)) == reports
