@@ -415,7 +415,7 @@ MUTANTS = [
     Mutant(
         "jumps are believed",
         "kernels/people.py",
-        "if not _within(ends, j, radius, track, elapsed, error):",
+        "if not within(ends, j, radius, track, elapsed, error):",
         "if False:",
         (FILTERS, "jumping"),
     ),

@@ -1,5 +1,6 @@
 """What a shield needs of an environment: robot, time step and scene, and actions that are shares of the jerk bounds."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -7,6 +8,8 @@ import numpy as np
 
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.safety.region import WatchedRegion
 from jssa_gym.shields.filter import SafetyFilter
 
 
@@ -29,6 +32,16 @@ def robot_and_dt(env: gym.Env) -> tuple[RobotModel, Any]:
     if not isinstance(robot, RobotModel):
         raise InterfaceError(f"robot has to be a RobotModel, got {type(robot).__name__}")
     return robot, dt
+
+
+def region_of(env: gym.Env, assumed: Any) -> WatchedRegion | None:
+    """Where an environment's people come and go, for assumptions of a verified stop that do not say it themselves."""
+    if assumed is False or assumed is None or (isinstance(assumed, Mapping) and "watched" in assumed):
+        return None
+    if isinstance(assumed, FailsafeParams) and assumed.watched is not None:
+        return None
+    region = getattr(vars(env.unwrapped).get("human"), "watched", None)
+    return region if isinstance(region, WatchedRegion) else None
 
 
 def refuse_misfit(env: gym.Env, filter: SafetyFilter) -> RobotModel:
