@@ -7,10 +7,13 @@ import gymnasium as gym
 import numpy as np
 
 from jssa_gym.exceptions import InterfaceError
+from jssa_gym.humans import Visitors
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.region import WatchedRegion
 from jssa_gym.shields.filter import SafetyFilter
+
+_ASSUMED = FailsafeParams()
 
 
 def provider(env: gym.Env, name: str) -> Any:
@@ -40,8 +43,11 @@ def region_of(env: gym.Env, assumed: Any) -> WatchedRegion | None:
         return None
     if isinstance(assumed, FailsafeParams) and assumed.watched is not None:
         return None
-    region = getattr(vars(env.unwrapped).get("human"), "watched", None)
-    return region if isinstance(region, WatchedRegion) else None
+    human = vars(env.unwrapped).get("human")
+    if not isinstance(human, Visitors):
+        return None
+    # nobody comes through the floor, or from above
+    return WatchedRegion.box(human.low, human.high, ("bottom", "top"), max(_ASSUMED.limb_speed, human.speed_bound))
 
 
 def refuse_misfit(env: gym.Env, filter: SafetyFilter) -> RobotModel:
