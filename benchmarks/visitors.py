@@ -187,7 +187,8 @@ def play(shield: str, seed: int) -> dict[str, Any]:
 
 def table(rows: list[dict[str, Any]]) -> None:
     print(
-        "| shield | episodes | visitors | moving contacts | fastest | limits exceeded | touched | stored stop | faults |"
+        "| shield | episodes | visitors | moving contacts | fastest | limits exceeded | touched | stored stop "
+        "| faults |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
     for shield in SHIELDS:
