@@ -13,6 +13,7 @@ from jssa_gym.envs.faults import FAULTS, SensorFaults
 from jssa_gym.envs.keypoint_camera import CAMERAS, CameraSettings, KeypointCamera, directions, in_ball
 from jssa_gym.envs.proprioception import Proprioception
 from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.humans import HumanMotion
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Scene
 from jssa_gym.validation import known_name, number_within, positive_integer
@@ -105,6 +106,11 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, faults=asdict(faults))  # JSON can hold it
         gym.Wrapper.__init__(self, env)
         _refuse_shield(env, type(self))
+        human = vars(env.unwrapped).get("human")
+        if isinstance(human, HumanMotion) and human.names is not None:
+            raise ParameterError(
+                f"{type(human).__name__} come and go; a SensorModel has samples of people who are there throughout"
+            )
         self.faults = faults
         self._direct = faults if isinstance(faults, SensorFaults) else SensorFaults()
         self._camera: KeypointCamera | None = None

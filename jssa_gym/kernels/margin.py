@@ -9,6 +9,7 @@ import numpy as np
 from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, put_balls
 from jssa_gym.kernels.chain import place_axes, pose
 from jssa_gym.kernels.jit import jit, jit_counting
+from jssa_gym.kernels.region import room_inside
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.vector import copy, fill
 from jssa_gym.kernels.verification import posture_at
@@ -41,7 +42,9 @@ def margin(robot, motion, ticks, around, work):
     """
     agents, growth, posture, later, room = around.agents, around.growth, work.posture, work.later, work.room
     length, least, slowest = motion.dt * (1 + ticks), np.inf, np.inf
-    if agents.shape[0] == 0:
+    if around.pieces.shape[0] > 1:
+        slowest = around.entry_speed
+    elif agents.shape[0] == 0:
         return np.inf
     for k in range(agents.shape[0]):
         slowest = min(slowest, growth[k])
@@ -107,5 +110,12 @@ def _least_of(robot, i, until, least, around, work):
         left = gap - taken if not np.isnan(gap - taken) else -np.inf
         room = min(room, left)
         if not spin <= max(touch[k], REST_SPEED):
+            least = min(least, left)
+    if around.pieces.shape[0] > 1:
+        left = room_inside(part["start"], part["end"], part["radius"], around.faces, around.pieces)
+        left -= around.entry_reach + around.entry_speed * until
+        left = left if not np.isnan(left) else -np.inf
+        room = min(room, left)
+        if not spin <= REST_SPEED:
             least = min(least, left)
     return least, room

@@ -9,6 +9,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.parts import FOOT_PARTS, LIMB_PARTS, SLOW_PARTS, by_name, is_called
+from jssa_gym.safety.region import WatchedRegion
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, number_within, positive_number, real_array
 
@@ -46,6 +47,8 @@ class FailsafeParams:
             applied jerks must have led [rad, rad/s, rad/s²], each for all joints or one a joint.
         graded: Whether the arm is slowed down by and by where only a harder stop is verified, or where what a filter
             wants leaves people less than 5 cm.
+        watched: Where everybody is measured, so that people may come and go, as a
+            :class:`~jssa_gym.safety.region.WatchedRegion` or a mapping of its fields; None: nobody may.
 
     Raises:
         ParameterError: A number is negative or not finite, or a speed, ``max_age`` or an acceleration is not positive.
@@ -94,6 +97,8 @@ class FailsafeParams:
     graded: bool = False
     """Whether the arm is slowed down by and by where only a harder stop is verified, see :data:`HARDNESS`; else it goes
     on as it is asked to until none is, and then brakes as hard as it can. No assumption, the promise is the same."""
+    watched: WatchedRegion | None = None
+    """Where everybody is measured, so that people may come and go; None: nobody may appear or leave until ``reset``."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.graded, bool):
@@ -115,6 +120,8 @@ class FailsafeParams:
         if self.human_acceleration is not None:
             object.__setattr__(self, "human_acceleration", _checked_acceleration(self.human_acceleration))
         object.__setattr__(self, "state_tolerance", _checked_tolerance(self.state_tolerance))
+        if self.watched is not None:
+            object.__setattr__(self, "watched", WatchedRegion.of(self.watched))
 
     @property
     def hardness(self) -> tuple[float, ...]:
@@ -138,6 +145,14 @@ class FailsafeParams:
             return max(self.foot_speed, self.limb_speed, self.human_speed)
         known = is_called(part, SLOW_PARTS) and not is_called(part, LIMB_PARTS)
         return self.human_speed if known else max(self.limb_speed, self.human_speed)
+
+    @property
+    def entry_speed(self) -> float:
+        """Nobody comes into the watched region faster [m/s]; 0 without one."""
+        if self.watched is None:
+            return 0.0
+        fastest = (max(ends) for ends in (self.end_speeds or {}).values())
+        return self.watched.entry_speed or max(self.human_speed, self.limb_speed, self.foot_speed, *fastest)
 
     def end_speeds_of(self, part: str) -> tuple[float, float]:
         """Speed bounds of start and end of a body part's capsule [m/s]."""

@@ -43,6 +43,8 @@ class Batch:
                 f"{type(filter).__name__} proposes in Python, one arm at a time: give each arm a filter of its own "
                 "(compiled are all that have a name, with the exact projector)"
             )
+        if filter.failsafe is not None and filter.failsafe.watched is not None:
+            raise ParameterError("many arms at once have the same people throughout: watched has to be None for them")
         count = positive_integer("count", count)
         robot, sizes, settings = filter.records.robot, (len(people), statics, planes), filter.settings()
         n = len(robot.links)

@@ -9,6 +9,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import brake, integrate, make_representable
+from jssa_gym.kernels.verification import NO_FACES, NO_PIECES
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams, levers
@@ -168,6 +169,7 @@ class SafetyFilter:
         """The numbers that the control step goes by."""
         n, params, limits = self.robot.n, self.failsafe, self.robot.limits.bounds()
         assumed = params or FailsafeParams()
+        faces, pieces = (NO_FACES, NO_PIECES) if assumed.watched is None else assumed.watched.faces()
         return layout.StepSettings(
             dt=self.dt,
             guarded=params is not None,
@@ -184,6 +186,9 @@ class SafetyFilter:
             max_age=assumed.max_age,
             lag=assumed.actuation_lag,
             astray=assumed.displacement(self.robot),
+            faces=faces,
+            pieces=pieces,
+            entry_speed=assumed.entry_speed,
         )
 
     def assumed(self, names: Sequence[str]) -> Assumed:
@@ -211,7 +216,9 @@ class SafetyFilter:
         """Takes down scenes in the records."""
         settings = self.records.settings
         exact, fixed = bool(np.any(settings.tolerance == 0.0)), settings.guarded or settings.static_rows
-        return Reading(self.records, not settings.guarded, exact, fixed, self.assumed)
+        watched = None if self.failsafe is None else self.failsafe.watched
+        capacity = None if watched is None else watched.capacity
+        return Reading(self.records, not settings.guarded, exact, fixed, self.assumed, capacity)
 
     @cached_property
     def _asks(self) -> bool:
@@ -339,6 +346,7 @@ class SafetyFilter:
         view = self.records.view
         numbers, jerk = view.told.item(), view.jerk.copy()
         status, phi, distance, row, column, slack, rows = numbers[:7]
+        column = self._reading.shown(column)
         if status == 0 and proposed is None:  # NOMINAL, the usual case: there is nothing to say
             self._alarm.well()
             margin = numbers[-1]

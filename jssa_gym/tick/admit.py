@@ -24,6 +24,7 @@ from jssa_gym.kernels.verification import (
     load_people,
 )
 from jssa_gym.tick import codes
+from jssa_gym.tick.region import entered
 
 WANTED, HALFWAY, STORED, GRADED = range(4)
 """Which jerk was chosen: what was proposed, one half way to the stored stop's, the stored stop's, or what was proposed
@@ -87,8 +88,15 @@ def plan_behind(settings, memory, jerk, hardness, work, e):
 def _seen_by_stop(settings, memory, work, e):
     return Around(
         work.grown, work.reach, memory.growth[e], memory.touch[e], work.confined, memory.statics[e], memory.planes[e],
-        settings.astray,
+        settings.astray, settings.faces, settings.pieces, _entered(settings, memory, e), settings.entry_speed,
     )  # fmt: skip
+
+
+@jit
+def _entered(settings, memory, e):
+    """How far into the watched region whoever is unseen can have come [m]."""
+    since = memory.arm[e]["people_time"] - memory.arm[e]["frame"]
+    return entered(settings, since + settings.lag, settings.position_error + settings.astray)
 
 
 @jit

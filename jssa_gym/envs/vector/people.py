@@ -29,6 +29,11 @@ def refuse_foreign(motion: HumanMotion) -> None:
     if isinstance(motion, Crowd) and type(motion) is Crowd:
         for one in motion.motions:
             refuse_foreign(one)
+    elif motion.names is not None:
+        raise ParameterError(
+            f"{type(motion).__name__} come and go, and a vector has the same people throughout: take "
+            "vectorization_mode='sync'"
+        )
     elif type(motion) not in _OURS:
         raise ParameterError(
             f"people of the kind {type(motion).__name__} are moved by Python of your own: vectors take "
