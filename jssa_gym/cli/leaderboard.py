@@ -74,11 +74,15 @@ class Submit:
         write_whole(self.out / "tables.md", text + "\n".join(all_tables(both, [label])) + "\n")
         out, console = Terminal(), Terminal(stderr=True)
         rivals = [name for name in filters_of(both) if name != label]
-        for line in (*overview(both, [*rivals, label], [PURPOSEFUL]), *verdicts(both, label, rivals, [PURPOSEFUL])):
-            out.say(line)
+        _say(out, [*overview(both, [*rivals, label], [PURPOSEFUL]), *verdicts(both, label, rivals, [PURPOSEFUL])])
         if missing:
             console.say(f"incomplete on the board, and so left out: {'; '.join(map(', '.join, missing))}")
         console.say(f"wrote {self.out / 'tables.md'}")
+
+
+def _say(out: Terminal, lines: list[str]) -> None:
+    for line in "\n".join(lines).split("\n"):  # some begin a table with an empty one
+        out.say(line)
 
 
 @dataclass(frozen=True)
@@ -97,10 +101,7 @@ class Show:
         names = filters_of(found)
         for name in self.ours:
             known_name("filter of the board", name, names)
-        out = Terminal()
-        out.say(f"SHA-256 of the table {board.digest}\n")
-        for line in all_tables(found, self.ours or names[:1]):
-            out.say(line)
+        _say(Terminal(), [f"SHA-256 of the table {board.digest}\n", *all_tables(found, self.ours or names[:1])])
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,8 @@ def test_the_stored_tables_are_shown(board, here):
     assert run.returncode == 0, run.stderr
     assert run.stdout.startswith("SHA-256 of the table ")
     assert "| `stop` | 0 / 6 " in run.stdout
-    assert "`stop` on moving contact" in run.stdout
+    assert "\n\n`stop` on moving contact" in run.stdout
+    assert "\\n" not in run.stdout
     assert "`none` on moving contact" in here("leaderboard", "show", "--board", board, "--ours", "none").stdout
     assert "unknown filter of the board 'ssa'" in one_line(
         here("leaderboard", "show", "--board", board, "--ours", "ssa")
