@@ -248,7 +248,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
         self._around = Surroundings(self.robot, parts)
         self._static = nobody()
         self._parts = parts if observation == "full" else 0
-        if self._parts and len(rehearsal.radius) > MOST_PEOPLE * parts:
+        if self._parts and max(len(rehearsal.radius) // parts, self.human.people) > MOST_PEOPLE:
             raise ParameterError(
                 f"observation='full' has room for {MOST_PEOPLE} people, here are {self.human.people}: take 'closest'"
             )
