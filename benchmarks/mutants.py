@@ -334,7 +334,7 @@ MUTANTS = [
     _admit(
         "tracking error dropped", "error = settings.position_error + settings.astray", "error = settings.position_error"
     ),
-    _admit("position error dropped", "error = settings.position_error + settings.astray", "error = settings.astray"),
+    _admit("position error dropped", "= settings.position_error + settings.astray", "= settings.astray"),
     _filter("max_age ignored", "max_age=assumed.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
     _admit(
         "no margin to what stands",

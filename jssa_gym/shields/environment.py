@@ -39,9 +39,8 @@ def robot_and_dt(env: gym.Env) -> tuple[RobotModel, Any]:
 
 def region_of(env: gym.Env, assumed: Any) -> WatchedRegion | None:
     """Where an environment's people come and go, for assumptions of a verified stop that do not say it themselves."""
-    if assumed is False or assumed is None or (isinstance(assumed, Mapping) and "watched" in assumed):
-        return None
-    if isinstance(assumed, FailsafeParams) and assumed.watched is not None:
+    said = assumed.get("watched") if isinstance(assumed, Mapping) else getattr(assumed, "watched", None)
+    if assumed is False or assumed is None or said is not None:
         return None
     human = vars(env.unwrapped).get("human")
     if not isinstance(human, Visitors):

@@ -99,12 +99,17 @@ def track_left(arms, time, k, listed):
 
 @jit
 def meet_newcomers(settings, memory, scene, time, e):
-    """Before samples become tracks: the stored stop is not verified against who has appeared where nobody could be."""
+    """Before samples become tracks: the stored stop is not verified against who has appeared where nobody could be.
+
+    Nor against whoever may go on faster than somebody who is unseen.
+    """
     for k in range(memory.tracks.shape[1]):
         if memory.tracks[e, k]["stamp"] > -np.inf or not scene.valid[e, k]:
             continue
         stamp = time - scene.age[e, k]
-        if not (came_in(settings, memory, scene.ends[e], scene.radius[e], stamp, k, e) or at_rest(memory.expected[e])):
+        covered = came_in(settings, memory, scene.ends[e], scene.radius[e], stamp, k, e)
+        covered = covered and memory.growth[e, k] <= settings.entry_speed
+        if not (covered or at_rest(memory.expected[e])):
             memory.arm[e]["verified"] = False
 
 

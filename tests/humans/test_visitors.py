@@ -2,6 +2,7 @@
 
 import copy
 import itertools
+from dataclasses import asdict
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +14,7 @@ from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.humans import Crowd, Visitors, WalkBy, make_human
 from jssa_gym.humans.body import NAMES
 from jssa_gym.policies import HoldPolicy
+from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.region import WatchedRegion
 
 DT = 0.008
@@ -163,7 +165,7 @@ def test_the_assumptions_of_ones_own_are_asked_too_unless_they_say_where():
     own = WatchedRegion.box((-1.0, -1.0, 0.0), (1.0, 1.0, 2.0))
     assert JSSAShield(ArmEnv(human="visitors"), failsafe={"max_age": 0.1}).filter.failsafe.watched is not None
     assert JSSAShield(ArmEnv(human="visitors"), watched=own).filter.failsafe.watched == own
-    assert JSSAShield(ArmEnv(human="visitors"), failsafe={"watched": None}).filter.failsafe.watched is None
+    assert JSSAShield(ArmEnv(human="visitors"), failsafe={"watched": asdict(own)}).filter.failsafe.watched == own
     assert JSSAShield(ArmEnv(human="visitors"), failsafe=False).filter.failsafe is None
     assert JSSAShield(ArmEnv(human="walk_by")).filter.failsafe.watched is None
 
@@ -191,3 +193,13 @@ def test_who_cannot_take_them_says_so_by_name():
     with pytest.raises(InterfaceError, match="Visitors come and go"):
         rollout(env, HoldPolicy(env), seed=0, steps=3)
     assert isinstance(make_human("visitors"), Visitors)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda env: JSSAShield(env, failsafe=FailsafeParams()), lambda env: Shield(env, "stop")]
+)
+def test_a_spec_makes_it_anew_and_it_watches(make):
+    env = make(gym.make("jssa_gym/Home-v0", human="visitors"))
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    assert again.get_wrapper_attr("filter").failsafe == env.filter.failsafe
+    assert env.filter.failsafe.watched is not None

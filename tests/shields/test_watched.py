@@ -60,11 +60,11 @@ def scene_of(make_scene, robot, filter, people, time, **changes):
     return make_scene(filter.expected, people, time=time)._replace(**changes)
 
 
-def moving(robot, make_scene, region=REGION, ticks=40, **changes):
+def moving(robot, make_scene, region=REGION, ticks=40, jerk=2.0, **changes):
     """A filter whose arm moves, and the time."""
     filter = NoFilter(robot, DT, viability=True, failsafe=FailsafeParams(**({"watched": region} | changes)))
     filter.reset(make_scene([robot.home, np.zeros(6), np.zeros(6)]))
-    nominal = np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    nominal = np.array([jerk, 0.0, 0.0, 0.0, 0.0, 0.0])
     for k in range(ticks):
         decision = filter.decide(scene_of(make_scene, robot, filter, nobody(), k * DT), nominal)
         assert decision.status == Status.NOMINAL, decision.reason
@@ -128,6 +128,15 @@ def test_who_comes_in_at_the_edge_is_no_fault(robot, make_scene):
     decision = filter.decide(scene_of(make_scene, robot, filter, person, time), np.array([2.0, 0, 0, 0, 0, 0]))
     assert decision.status != Status.FAULT
     assert filter.verified
+
+
+@pytest.mark.parametrize(("name", "trusted"), [("hand", True), ("left_foot", False)])
+def test_who_comes_in_and_may_be_faster_than_that_is_met_anew(robot, make_scene, name, trusted):
+    filter, time = moving(robot, make_scene, ticks=10, jerk=20.0)
+    person = ball((HALF + 0.1 - SPEED * DT, 0.0, 1.2), (-SPEED, 0.0, 0.0), person=5, name=name)
+    decision = filter.decide(scene_of(make_scene, robot, filter, person, time), np.array([20.0, 0, 0, 0, 0, 0]))
+    assert filter.verified == trusted
+    assert (decision.status == Status.FAULT) == (not trusted)
 
 
 def test_pairs_are_numbered_as_the_scene_has_them(robot, make_scene):
