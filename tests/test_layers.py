@@ -53,7 +53,7 @@ HEAVY = {
 """Where a heavy library may be imported at all, and there only inside functions."""
 
 WHOLLY_HEAVY = (
-    *("train.learner", "train.loop", "train.state", "train.vector"),
+    *("train.lagrangian", "train.learner", "train.loop", "train.state", "train.vector"),
     *(f"viewer.{name}" for name in ("capsules", "charts", "page", "panel", "scene", "server", "shapes")),
 )
 """Modules that import such libraries at once, and are themselves imported by others inside functions only."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jssa_gym.train import PPO, SAC, TD3, TQC, TrainConfig, checkpoint
+from jssa_gym.train import PPO, SAC, TD3, TQC, PPOLagrangian, SACLagrangian, TrainConfig, checkpoint
 from jssa_gym.train.checkpoint import MANIFEST
 
 _REPLAY = {"width": 16, "learning_starts": 40, "buffer_size": 200, "batch_size": 32}
@@ -16,6 +16,8 @@ SETTINGS = {
     "sac": SAC(**_REPLAY),
     "td3": TD3(**_REPLAY),
     "tqc": TQC(**_REPLAY),
+    "ppo-lagrangian": PPOLagrangian(width=16, rollout=64, batch_size=32, n_epochs=2, cost_limit=1e-4),
+    "sac-lagrangian": SACLagrangian(**_REPLAY, cost_limit=1e-4),
 }
 """Networks and buffers of a few numbers; the buffer runs over."""
 

@@ -49,6 +49,8 @@ class Leg:
     """Mean time to the goal, of the episodes that reached it [s]."""
     processor_seconds: float = float("nan")
     """Processor time that it took in this process, its evaluation not counted [s]; NaN where it was not taken down."""
+    cost_rate: float = float("nan")
+    """Share of the control steps of the learner's episodes in which somebody was nearer than d_min; NaN as above."""
 
 
 @dataclass(slots=True)
@@ -98,6 +100,7 @@ class EpisodeCounter:
             eval_return=report.means["ep_return"].value,
             eval_time=float("nan") if times is None else times.value,
             processor_seconds=round(processor_seconds, 1),
+            cost_rate=sum(x["ep_cost"] for x in ended) / sum(x["ep_len"] for x in ended) if ended else float("nan"),
         )
 
 

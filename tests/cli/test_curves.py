@@ -3,8 +3,7 @@
 import json
 
 import pytest
-from commands import WITHOUT, cli, one_line
-from test_train import TINY
+from commands import TINY, WITHOUT, cli, one_line
 
 SHORT = tuple("64" if word == "128" else word for word in TINY)
 

@@ -224,7 +224,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
             if again.any():
                 # copies: in what is said now, beginnings take the place of ends
                 ends = {key: value.copy() for key, value in values.items()}
-                infos = _final(self._observations, as_infos(ends, again), again)
+                infos = final_infos(self._observations, as_infos(ends, again), again)
         if again.any():
             for key, value in self._begin(again, [None] * self.num_envs, {}).items():
                 values[key][again] = value[again]
@@ -320,7 +320,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         """Nothing is open."""
 
 
-def _final(observations: NDArray[np.float32], infos: Infos, who: Mask) -> Infos:
+def final_infos(observations: NDArray[np.float32], infos: Infos, who: Mask) -> Infos:
     """The ends of episodes, as Gymnasium's vectors tell them."""
     last = np.full(len(who), None, object)
     for e in np.flatnonzero(who):
