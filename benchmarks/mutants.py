@@ -245,7 +245,7 @@ MUTANTS = [
     ),
     _admit(
         "another jerk is not verified",
-        "    which, _, _, _, _ = choose(robot, settings, memory, work.wanted, work.jerk, work, e)\n",
+        "    which, _, _, _, _ = choose(robot, settings, memory, work.wanted, work.jerk, np.nan, work, e)\n",
         "    keeps_safe(robot, settings, memory, work.wanted, 0, work, e)\n    which, work.jerk[:] = 1, work.wanted\n",
         (HELD, "amendment"),
     ),
@@ -972,15 +972,22 @@ MUTANTS = [
     Mutant(
         "a margin for which people do not grow back",
         "kernels/margin.py",
-        "slowest * length / _MOMENTS, room)",
+        "slowest * (then - t), room)",
         "np.inf, room)",
+        (MARGIN, "formula or moments"),
+    ),
+    Mutant(
+        "a margin for which the arm stands still before its last moment",
+        "kernels/margin.py",
+        "(slowest - speed) * (then - t)",
+        "slowest * (then - t)",
         (MARGIN, "formula or moments"),
     ),
     Mutant(
         "a margin that leaves out whoever is near",
         "kernels/margin.py",
-        "radii + taken + least + _ROUNDING",
-        "taken + least + _ROUNDING",
+        "balls_gap(ball, balls[k]) - radii - taken",
+        "balls_gap(ball, balls[k])",
         (MARGIN, "formula or moments"),
     ),
     # people who come and go

@@ -9,7 +9,7 @@ derivatives by path time :math:`q', q'', q'''` the joints move by
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit, jit_counting
+from jssa_gym.kernels.jit import jit, jit_owning
 from jssa_gym.kernels.motion import advance
 from jssa_gym.kernels.rest import REST_JOINTS
 from jssa_gym.kernels.vector import copy, copy_rows
@@ -195,7 +195,7 @@ def _still(point):
     return most <= REST_JOINTS
 
 
-@jit_counting
+@jit_owning
 def propose(plan, pace, wishes, state, bounds, point, out):
     """Jerks for paces that are wished for, in their order, without those that limits forbid and those that are alike.
 

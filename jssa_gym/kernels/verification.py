@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, plane_pair, put_balls, stands
 from jssa_gym.kernels.chain import place_axes, pose
-from jssa_gym.kernels.jit import jit, jit_counting
+from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.occupancy import apart_for
 from jssa_gym.kernels.records import FACE, records
 from jssa_gym.kernels.region import room_inside
@@ -205,7 +205,7 @@ def _rests(gap, rate, t):
     return t == 0.0 and gap <= 0.0 and rate <= REST_SPEED
 
 
-@jit_counting
+@jit
 def keeps_clear(robot, motion, ticks, around, work):
     """Whether one step and the stop after it keep off everything until the arm is at rest.
 
