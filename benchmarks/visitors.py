@@ -30,7 +30,7 @@ DT, TICKS = 0.008, 500
 MOVING = 1e-3
 """Speed of the arm's touching point from which a contact counts as a moving one [m/s]."""
 
-HALF = 1.2
+HALF = 1.0
 """Half of the box' sides [m]: so narrow that whoever comes in is at the arm before it rests."""
 LOW, HIGH = (-HALF, -HALF, 0.0), (HALF, HALF, 3.0)
 SPEED = 1.6
@@ -67,7 +67,7 @@ class Raiders(Visitors):
     reacts = True
 
     def __init__(self) -> None:
-        super().__init__(rate=1.2, most=3, speed=(0.8, SPEED), low=LOW, high=HIGH, acceleration=None)
+        super().__init__(rate=1.2, speed=(0.8, SPEED), offset=(0.85, 0.9), low=LOW, high=HIGH, acceleration=None)
 
     def visitor(self) -> HumanMotion:
         return Raider()
@@ -120,13 +120,13 @@ class Camera(gym.Wrapper):
             if self._hidden.get(int(who), 0) > 0:
                 self._hidden[int(who)] -= 1
                 measured[part] = False
-            elif who in self._known and rng.random() < 0.1:
+            elif who in self._known and rng.random() < 0.05:
                 self._hidden[int(who)] = int(rng.integers(0, HIDDEN))
                 measured[part] = False
             else:
                 self._known.add(int(who))
         seen = np.unique(ids[measured])
-        if len(seen) > 1 and rng.random() < 0.1:
+        if len(seen) > 1 and rng.random() < 0.03:
             one, other = rng.choice(seen, 2, replace=False)
             ids = np.where(ids == one, other, np.where(ids == other, one, ids))
         # the order of people is anybody's
