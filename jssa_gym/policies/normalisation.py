@@ -88,7 +88,7 @@ _LOOKED_UP: dict[str, Any] = {
 """What arrays and their types are made of in pickles, by its name in numpy: all else but bytes is inert."""
 
 
-class _Reader(pickle.Unpickler):
+class _Unpickler(pickle.Unpickler):
     """Reads numbers, texts, containers and arrays; everything else is inert."""
 
     def find_class(self, module: str, name: str, /) -> Any:
@@ -111,7 +111,7 @@ def read_normalisation(path: str | Path) -> Normalisation:
     """
     content = read_whole(Path(path), PolicyFileError, _LARGEST)
     try:
-        found = _Reader(io.BytesIO(content)).load()
+        found = _Unpickler(io.BytesIO(content)).load()
     except Exception as error:  # what a damaged pickle raises is up to the damage
         raise PolicyFileError(f"{path} is no file of VecNormalize.save, or damaged: {error}") from error
     told = vars(found) if isinstance(found, _Inert) else {}
