@@ -7,6 +7,7 @@ from jssa_gym.exceptions import MissingExtraError
 from jssa_gym.train.config import INSTALL, PRESETS, TrainConfig, preset
 from jssa_gym.train.environment import control_env, training_env
 from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, TD3, TQC, Settings
+from jssa_gym.train.variation import Curriculum, DomainRandomisation
 from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ __all__ = [
     "SAC",
     "TD3",
     "TQC",
+    "Curriculum",
+    "DomainRandomisation",
     "ExecutedAction",
     "ExecutedBuffer",
     "InterventionPenalty",
