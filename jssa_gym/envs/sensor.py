@@ -1,7 +1,7 @@
 """What a perception system makes of people and arm: noise, delay, gaps and lies, between environment and shield."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -124,6 +124,13 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
             self._joints = Proprioception(faults, robot.limits)
         self._rng: np.random.Generator | None = None
         self._scene: Scene | None = None
+        self.latency_range: tuple[float, float] | None = None
+        """What the latency is drawn from at every reset, instead of the faults' own [s]; None for theirs."""
+
+    @property
+    def latency(self) -> float:
+        """Of this episode [s]."""
+        return self._direct.latency
 
     @property
     def scene(self) -> Scene | None:
@@ -140,6 +147,8 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         """Reset the environment, then the faults; a seed seeds both."""
         result = self.env.reset(seed=seed, options=options)
         self._rng = _stream(self.env, seed, self._rng, 0x5E2502)
+        if self.latency_range is not None:
+            self._direct = replace(self._direct, latency=float(self._rng.uniform(*self.latency_range)))
         truth = self.env.get_wrapper_attr("scene")
         self._begin(truth)
         self._scene = self._perceive(truth, self._rng)

@@ -16,6 +16,7 @@ from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.ledger import Chunk
 from jssa_gym.evaluation.people import PEOPLE, known_person
 from jssa_gym.evaluation.plan import AnyRow, EpisodePlan
+from jssa_gym.evaluation.policy import AsTrained
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.rollout_vector import rollouts
 from jssa_gym.evaluation.rows import Setting, digest_of, trace_name
@@ -211,5 +212,15 @@ def played_again(
         raise ParameterError(f"the robot {named!r} is not the package's own; give its file as --robot")
     wanted = named if robot is None else robot
     sensor = str(meta.get("sensor", NO_SENSOR))
-    plan = Study(tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle, robot=wanted, sensor=sensor)
+    plan = Study(
+        tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle, robot=wanted, sensor=sensor,
+        trained=_trained(meta),
+    )  # fmt: skip
     return Player(plan, setting).record(seed)
+
+
+def _trained(meta: Mapping[str, Any]) -> AsTrained:
+    """How the policy of a recording was trained; what only the recording names is not read."""
+    if "normalise" in meta:
+        raise ParameterError("the recording's policy had normalised observations: play it by evaluate(normalise=...)")
+    return AsTrained(meta.get("ticks", 1))

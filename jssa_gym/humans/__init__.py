@@ -10,6 +10,7 @@ from jssa_gym.humans.body import Body, nobody, together
 from jssa_gym.humans.files import is_file, load
 from jssa_gym.humans.hand import Hand
 from jssa_gym.humans.motion import CLEARANCE, Crowd, HumanMotion, Nobody, Walk
+from jssa_gym.humans.paced import Paced
 from jssa_gym.humans.pursuit import Pursuit
 from jssa_gym.humans.random_walk import RandomWalk
 from jssa_gym.humans.receive import Receive
@@ -48,6 +49,7 @@ __all__ = [
     "Hand",
     "HumanMotion",
     "Nobody",
+    "Paced",
     "Pursuit",
     "RandomWalk",
     "Receive",

@@ -10,6 +10,7 @@ from jssa_gym.train.curves import Band, LearningCurve, learning_curves
 from jssa_gym.train.environment import control_env, training_env
 from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, TD3, TQC, PPOLagrangian, SACLagrangian, Settings
 from jssa_gym.train.sweep import SeedOutcome, train_seeds
+from jssa_gym.train.variation import Curriculum, DomainRandomisation
 from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ __all__ = [
     "TD3",
     "TQC",
     "Band",
+    "Curriculum",
+    "DomainRandomisation",
     "ExecutedAction",
     "ExecutedBuffer",
     "InterventionPenalty",
