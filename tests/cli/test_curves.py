@@ -5,6 +5,9 @@ import json
 import pytest
 from commands import TINY, WITHOUT, cli, one_line
 
+from jssa_gym import plots
+from jssa_gym.exceptions import MissingExtraError
+
 SHORT = tuple("64" if word == "128" else word for word in TINY)
 
 
@@ -69,8 +72,14 @@ def test_bad_input_is_one_line(arguments, says, tmp_path, here):
     assert not (tmp_path / "out").exists()
 
 
-def test_curves_need_no_torch(tmp_path):
+def test_curves_need_no_torch_and_without_a_figure_no_matplotlib(tmp_path):
     run = cli("curves", tmp_path, "--no-figure", before=WITHOUT.format(blocked=("torch", "matplotlib")))
     assert "holds no training" in one_line(run)
-    run = cli("curves", tmp_path, before=WITHOUT.format(blocked=("matplotlib",)))
-    assert "pip install 'jssa-gym[plots]'" in one_line(run)
+
+
+def test_figures_are_asked_for_before_anything_is_read(tmp_path, monkeypatch, here):
+    def missing():
+        raise MissingExtraError("figures need the extra 'plots'")
+
+    monkeypatch.setattr(plots, "require", missing)
+    assert "figures need the extra" in one_line(here("curves", tmp_path))

@@ -149,13 +149,14 @@ def test_rewards_are_those_of_the_moment_at_which_they_are_sampled(model):
 @pytest.mark.long
 @pytest.mark.parametrize("algorithm", ["ppo-lagrangian", "sac-lagrangian"])
 def test_a_checkpoint_keeps_the_multiplier(algorithm, tmp_path):
-    whole, parts = tiny(algorithm, **CLOSE), tiny(algorithm, **CLOSE | {"steps": 64})
-    steady = replace(whole.settings, decay=False)  # else it could not be given more steps
-    train(replace(whole, settings=steady), tmp_path / "whole")
-    train(replace(parts, settings=steady), tmp_path / "parts")
+    longer = {"interval": 128, "ticks": 25}  # long enough for somebody to come
+    steady = replace(tiny(algorithm).settings, decay=False)  # else it could not be given more steps
+    whole = tiny(algorithm, **CLOSE | longer | {"steps": 256}, settings=steady)
+    train(whole, tmp_path / "whole")
+    train(replace(whole, steps=128), tmp_path / "parts")
     state = torch.load(newest(tmp_path / "parts") / "parameters.pt", weights_only=True)
     assert state["tensors"]["multiplier"].item() > 0.0
-    train(replace(whole, settings=steady), tmp_path / "parts")
+    train(whole, tmp_path / "parts")
     assert results(tmp_path / "parts") == results(tmp_path / "whole")
 
 
