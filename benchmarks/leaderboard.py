@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from jssa_gym.board import STORED, Episodes, all_tables, read_board, read_folders, store_board
 from jssa_gym.board.tables import complete_cells, filters_of, policies_of, rate
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.palette import COLOURS
 
@@ -65,6 +66,7 @@ def main() -> None:
         "--store", type=Path, nargs="?", const=STORED, help="store the folders' episodes in this file, by default ours"
     )
     args = parser.parse_args()
+    print(f"{made_with()}\n")
     try:
         if args.store is not None:
             digest = store_board(args.folders, args.store)

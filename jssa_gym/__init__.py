@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from jssa_gym.shields.vector import VectorShield
     from jssa_gym.types import CapsuleSet, Decision, JointState, MeasuredPeople, Planes, Scene, Status
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "ActionRepeat": "jssa_gym.envs.repeat",

@@ -13,7 +13,7 @@ from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import find_policies_here, play
 from jssa_gym.cli.names import TASK
 from jssa_gym.cli.terminal import Terminal
-from jssa_gym.evaluation.ledger import package_version
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted
@@ -70,7 +70,7 @@ class Submit:
         if not both:
             raise ParameterError(f"{self.board} has no cell in which all filters have the same seeds")
         label, count = submission.label, submission.total()
-        text = f"jssa_gym {package_version()}, board {board.digest[:16]}, {counted(count, 'episode')} of {label}\n\n"
+        text = f"{counted(count, 'episode')} of {label} on the board {board.digest[:16]}; {made_with()}\n\n"
         write_whole(self.out / "tables.md", text + "\n".join(all_tables(both, [label])) + "\n")
         out, console = Terminal(), Terminal(stderr=True)
         rivals = [name for name in filters_of(both) if name != label]

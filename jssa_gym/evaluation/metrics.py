@@ -68,6 +68,10 @@ class Summary(StepSummary):
         int | None, About("", "Contacts in which the robot's point never moves in over v_safe.")
     ]
     n_collisions_shared_fault: Annotated[int | None, About("", "Contacts in which both move in faster than v_safe.")]
+    energy_ratio: Annotated[
+        float | None,
+        About("", "Largest energy that the arm's own motion gives in a contact, over the part's limit; indicative."),
+    ]
     n_collisions_self: Annotated[int | None, About("", "Contacts of the arm with itself.")]
     n_collisions_static: Annotated[
         int | None, About("", "Contacts of the arm with table or floor; a column that stands on it is none.")
@@ -196,6 +200,7 @@ def summarise(
         n_collisions_robot_fault=faults[0],
         n_collisions_human_fault=faults[1],
         n_collisions_shared_fault=faults[2],
+        energy_ratio=float(seen.touches.energy_ratio.max(initial=0.0)) if seen is not None and kinematic else None,
         n_collisions_self=None if seen is None else _events(seen.own, trace.dt),
         n_collisions_static=None if seen is None else _events(seen.planes, trace.dt),
         n_actions_not_finite=int((~np.isfinite(trace.nominal)).any(axis=1).sum()) if len(trace.time) else 0,

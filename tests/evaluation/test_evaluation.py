@@ -134,6 +134,7 @@ def test_a_summary_by_hand():
         n_collisions_robot_fault=None,
         n_collisions_human_fault=None,
         n_collisions_shared_fault=None,
+        energy_ratio=None,
         n_collisions_self=None,
         n_collisions_static=None,
         n_actions_not_finite=0,
