@@ -1,5 +1,7 @@
 """Which episodes can be played many at once, and the environments in which they are."""
 
+from collections.abc import Callable
+from functools import reduce
 from typing import Any, cast
 
 import gymnasium as gym
@@ -7,7 +9,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 
 from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.envs.faults import SensorFaults
+from jssa_gym.envs.sensor import MissedTicks, SensorModel
 from jssa_gym.envs.vector import VectorArmEnv
+from jssa_gym.envs.vector.sensors import VectorSensors
+from jssa_gym.evaluation.contenders import Ageless, Late
 from jssa_gym.evaluation.rollout_vector import TimedShield
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields import JSSAShield, SafetyFilter, Shield
@@ -23,6 +29,24 @@ _STEPS = 64_000
 
 _PASSIVE = (OrderEnforcing, PassiveEnvChecker)
 """Wrappers that change nothing."""
+
+
+_Rewrap = Callable[[gym.Env], gym.Env]
+"""Puts a wrapper like another around an environment."""
+
+
+def _like_sensor(sensor: SensorModel) -> _Rewrap | None:
+    """A sensor like another; None for a camera, whose people need not stay the same."""
+    return (lambda env: SensorModel(env, sensor.faults)) if isinstance(sensor.faults, SensorFaults) else None
+
+
+_SENSORS: dict[type[gym.Wrapper], Callable[[Any], _Rewrap | None]] = {
+    SensorModel: _like_sensor,
+    MissedTicks: lambda missed: lambda env: MissedTicks(env, missed.probability, missed.longest),
+    Late: lambda late: lambda env: Late(env, late.ticks),
+    Ageless: lambda ageless: Ageless,
+}
+"""Wrappers that change what a shield is shown and nothing else."""
 
 
 def at_once(steps: int) -> int:
@@ -41,17 +65,21 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
         The vector, or None where something is asked one arm at a time: servos, the projector of OSQP, and people,
         tasks, filters and wrappers of a user's own.
     """
-    limits, shield, one = list[int](), None, cast(Any, env)
+    limits, shield, sensors, one = list[int](), None, list[_Rewrap](), cast(Any, env)
     while isinstance(one, gym.Wrapper):
         kind = type(one)
         if kind is TimeLimit:
             limits.append(one._max_episode_steps)
         elif kind in (Shield, JSSAShield):
             shield = one
+        elif kind in _SENSORS and (again := _SENSORS[kind](one)) is not None:
+            sensors.append(again)
         elif kind not in _PASSIVE:
             return None
         one = one.env
     if not _is_plain(one) or (shield is not None and not _is_compiled(shield.filter)):
+        return None
+    if sensors and (shield is None or shield.filter.failsafe is None):
         return None
     try:
         arms = VectorArmEnv(
@@ -68,7 +96,10 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
         )
     except ParameterError:  # people or a task of a user's own
         return None
-    return arms if shield is None else TimedShield(arms, shield.filter)
+    if shield is None:
+        return arms
+    seen = VectorSensors(arms, lambda env: reduce(lambda inner, wrap: wrap(inner), reversed(sensors), env))
+    return TimedShield(arms, shield.filter, seen if sensors else None)
 
 
 def _is_plain(env: gym.Env) -> bool:

@@ -43,6 +43,7 @@ class Late(gym.Wrapper):
 
     def __init__(self, env: gym.Env, ticks: int) -> None:
         super().__init__(env)
+        self.ticks = ticks
         self._past: deque[tuple[CapsuleSet, Array, Any]] = deque(maxlen=ticks + 1)
 
     @property

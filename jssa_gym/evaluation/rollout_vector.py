@@ -12,7 +12,7 @@ from jssa_gym.envs.vector import VectorArmEnv
 from jssa_gym.evaluation.trace import trace_of_columns
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.policies.vector import VectorPolicy, arms_of
-from jssa_gym.shields.vector import VectorShield
+from jssa_gym.shields.vector_perceived import PerceivingShield
 from jssa_gym.shields.words import KINDS
 from jssa_gym.tick import layout
 from jssa_gym.types import Array, Status, Trace
@@ -29,7 +29,7 @@ _KINDS = (*KINDS, "")
 """Kinds by their codes; the last one, -1, is none."""
 
 
-class TimedShield(VectorShield):
+class TimedShield(PerceivingShield):
     """A shield of many arms that also measures how long their decisions take."""
 
     elapsed = np.nan

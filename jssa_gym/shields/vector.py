@@ -76,7 +76,7 @@ class VectorShield(VectorWrapper):
             scene.normal[:], scene.offset[:] = planes.normal, planes.offset
         self._jerk_bound = np.array(robot.limits.jerk)
         self._nominal = np.zeros((count, robot.n))
-        self._words = _Names(names, planes.names if fixed else ())
+        self._words = Names(names, planes.names if fixed else ())
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -134,24 +134,24 @@ class VectorShield(VectorWrapper):
         """The same by place in :data:`~jssa_gym.shields.words.KINDS`, shape (E,)."""
         return kind_codes(self._batch.answer.told)
 
-    def _named(self, e: int) -> "_Names":
+    def _named(self, e: int) -> "Names":
         """What is known by name where arm ``e`` is, and what of its last scene could not be read."""
         return self._words
 
     def _decide(self, live: Mask) -> layout.Answer:
         """Let filters see the present, and decide."""
-        self._show()
+        self._show(live)
         return self._batch.decide(self._nominal, live)
 
-    def _show(self) -> None:
-        """Let filters see the present."""
+    def _show(self, which: Mask) -> None:
+        """Let filters of those arms see the present."""
         arms, scene = self._arms, self._batch.scene
         scene.now["time"], scene.joints[:] = arms.time, arms.state
         scene.ends[:], scene.radius[:] = arms.people
 
     def _begin(self, which: Mask) -> dict[str, NDArray[Any]]:
         """Begin episodes of those arms; what is said of them."""
-        self._show()
+        self._show(which)
         self._batch.start(which)
         self._nominal[which] = 0.0
         self._batch.decide(self._nominal, which)
@@ -178,7 +178,7 @@ class VectorShield(VectorWrapper):
         }
 
 
-class _Names(NamedTuple):
+class Names(NamedTuple):
     """What a :class:`~jssa_gym.shields.reading.Reading` knows by name."""
 
     names: tuple[str, ...]
