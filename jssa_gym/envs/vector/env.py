@@ -20,7 +20,7 @@ from jssa_gym.humans import Given, make_human
 from jssa_gym.kernels.records import SEGMENT, records
 from jssa_gym.registration import HORIZON
 from jssa_gym.robots import RobotModel
-from jssa_gym.tick.moves import measured, move_all, observe_all, take_actions
+from jssa_gym.tick.moves import Measured, measured, move_all, observe_all, take_actions
 from jssa_gym.types import Array
 from jssa_gym.validation import positive_integer
 from jssa_gym.vectors import Infos, Mask, as_infos, stacked
@@ -116,6 +116,20 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
     def people(self) -> tuple[Array, Array]:
         """Everybody's capsules: starts, ends, their velocities, shape (E, 4, k, 3), and radii, shape (E, k)."""
         return self._crowd.ends, self._crowd.radius
+
+    @property
+    def measured(self) -> Measured:
+        """What was measured of everybody's last step; views."""
+        return self._measured
+
+    @property
+    def goals(self) -> Array:
+        """The tasks' goals, shape (E, ...); of waypoints each arm's first :meth:`goal_of` are its own. A view."""
+        return self._task.goal
+
+    def goal_of(self, e: int) -> Array:
+        """The goal of arm ``e`` at present, as a single environment's; a copy."""
+        return self._task.goal_of(e).copy()
 
     @property
     def np_random_seed(self) -> tuple[int | None, ...]:  # ty: ignore[incompatible-property-override]  # as Gymnasium's

@@ -46,6 +46,10 @@ class TaskBatch:
         """An episode of arm ``e`` begins."""
         self.goal[e] = goal
 
+    def goal_of(self, e: int) -> Array:
+        """Arm ``e``'s goal; a view."""
+        return self.goal[e]
+
     def advance(self, moments: Moments, ends: Array, live: Mask, dt: float) -> None:
         """Let goals go with people, whose capsules' ends are of shape (E, 4, k, 3), and count what was done of them."""
 
@@ -139,6 +143,9 @@ class TrackBatch(TaskBatch):
             self.goal = np.concatenate([self.goal, more], axis=1)
         self.goal[e, : len(goal)], self._counts[e] = goal, len(goal)
         self._start[e], self._visited[e], self._clock[e], self._lateness[e], self._arrived[e] = progress
+
+    def goal_of(self, e: int) -> Array:
+        return self.goal[e, : self._counts[e]]
 
     def advance(self, moments: Moments, ends: Array, live: Mask, dt: float) -> None:
         task, visited, clock = self.task, self._visited, self._clock
