@@ -78,29 +78,32 @@ class Both:
 @pytest.mark.parametrize("shield", SHIELDS)
 @pytest.mark.parametrize("task", BESIDE)
 def test_many_do_what_each_does_by_itself(task, shield) -> None:
-    both = Both(task, shield).reset().play(200)
+    both = Both(task, shield)
+    elsewhere = {"joint_position": np.array(both.vector.unwrapped.robot.home) + 0.3}
+    both.reset(options=elsewhere if task == "home" else None).play(200)
     assert both.ends >= 2
-    assert Phase.TRACKING in both.phases
-    if shield is not None:
+    if shield is None or task in ("reach", "track"):
+        assert Phase.TRACKING in both.phases
+    if shield is not None and (task, shield) != ("handover", "jssa+stop"):  # which never lets it begin
         assert {0, -1} <= both.choices
         assert "alternative" in both.kinds
 
 
 def test_people_slow_arms_down_along_their_paths() -> None:
-    both = Both("track", "work", human="pursuit", limit=500).reset().play(300)
+    both = Both("track", "work", human="hand", limit=500).reset().play(260)
     assert max(both.choices) > 0
     assert min(both.paces) < 0.5
 
 
 def test_who_is_thrown_off_its_path_goes_back_or_brakes() -> None:
-    both = Both("track", "jssa+stop", limit=400).reset().play(400)
+    both = Both("track", "jssa+stop", human="hand", limit=400).reset().play(400)
     assert {Phase.YIELDING, Phase.SETTLING, Phase.WAITING} <= both.phases
 
 
 @pytest.mark.parametrize("shield", [None, "jssa+stop"])
 def test_the_paper_s_controllers_do_too(shield) -> None:
-    both = Both("track", shield, limit=400, yielding=False).reset().play(400)
-    assert both.phases >= (set() if shield is None else {Phase.YIELDING, Phase.SETTLING})
+    both = Both("track", shield, human="hand", limit=400, yielding=False).reset().play(400)
+    assert both.phases >= ({Phase.TRACKING} if shield is None else {Phase.YIELDING, Phase.SETTLING})
 
 
 @pytest.mark.parametrize(
@@ -111,7 +114,7 @@ def test_the_paper_s_controllers_do_too(shield) -> None:
         {"host_delay": np.inf, "patience": 0.1},
         {"dt": 0.02},
         {"robot": "ur5e"},
-        {"tolerance": 0.05, "clear": 0.0, "human": "hand"},
+        {"tolerance": 0.05, "clear": 0.02, "human": "hand"},
     ],
     ids=str,
 )
