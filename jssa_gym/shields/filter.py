@@ -51,6 +51,12 @@ def _softened(limits: Array, hardness: Sequence[float]) -> Array:
     return soft
 
 
+def alike(offered: Array, jerk: Array, bound: Array) -> int:
+    """The number of the first of the alternatives (a, n) that is a jerk (n,) but for rounding, -1 if none is."""
+    same = np.abs(offered - jerk).max(axis=1) <= 1e-12 * np.max(bound)
+    return int(same.argmax()) if same.any() else -1
+
+
 class SafetyFilter:
     """Decides which jerk is applied instead of the nominal one.
 
@@ -382,8 +388,7 @@ class SafetyFilter:
             choice = int(view.told[0]["choice"])
             if choice < 0:  # but what is applied may be one of them
                 offered = self.records.scene.alternatives[0, : view.now[0]["alternatives"]]
-                same = np.abs(offered - decision.jerk).max(axis=1) <= 1e-12 * np.max(self.robot.limits.jerk)
-                choice = int(same.argmax()) if same.any() else -1
+                choice = alike(offered, decision.jerk, self.robot.limits.jerk)
         override = tell(path, choice, self._alarm)
         if choice < 0:
             return decision._replace(override=override)

@@ -67,6 +67,8 @@ def kind_of(told: Told) -> Kind:
     """What kind of jerk it is that is applied."""
     if told.status == codes.FAULT:
         return "fault"
+    if told.choice >= 0:
+        return "alternative"
     if told.chosen == STORED:
         return "stop"
     if told.chosen in (HALFWAY, GRADED):

@@ -26,7 +26,7 @@ class OneOf(gym.Env):
         self._static, self._names, self._person = nobody(), arms.part_names, arms.person
 
     @property
-    def np_random_seed(self) -> int:  # ty: ignore[invalid-method-override]  # never changed here
+    def np_random_seed(self) -> int:  # ty: ignore[incompatible-method-override]  # never changed here
         """Seed of its environment, -1 for none."""
         seed = self._arms.np_random_seed[self._e]
         return -1 if seed is None else seed
