@@ -227,7 +227,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
             self.metadata = {**self.metadata, "render_modes": modes}
         if self.dt != DT:
             self.metadata = {**self.metadata, "render_fps": round(1.0 / self.dt)}
-        self.dynamics = dynamics
+        self.dynamics, self.observation = dynamics, observation
         self.terminate_on = tuple(terminate_on)
         self._scene_name, self._size = scene, size
         self._world: World | None = None

@@ -159,11 +159,19 @@ class KeypointCamera:
 
 def directions(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """Unit vectors drawn evenly, shape (*shape, 3)."""
-    vectors = rng.standard_normal((*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return _unit(rng.standard_normal((*shape, 3)))
 
 
 def in_ball(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """Points drawn evenly from the unit ball, shape (*shape, 3)."""
+    return to_ball(rng.standard_normal((*shape, 3)), rng.random((*shape, 1)))
+
+
+def to_ball(normal: Array, even: Array) -> Array:
+    """Points of the unit ball, evenly, of standard normal vectors (..., 3) and even numbers (..., 1) in [0, 1)."""
     # rounding must not carry a point beyond the bound that is promised
-    return directions(rng, shape) * (rng.random((*shape, 1)) ** (1.0 / 3.0) * (1.0 - 1e-12))
+    return _unit(normal) * (even ** (1.0 / 3.0) * (1.0 - 1e-12))
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -1,6 +1,6 @@
 """What a perception system makes of people and arm: noise, delay, gaps and lies, between environment and shield."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from typing import Any, NamedTuple
 
@@ -18,8 +18,12 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Scene
 from jssa_gym.validation import known_name, number_within, positive_integer
 
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """A sample counts as arrived this much early [s]: times are multiples of the control step only up to rounding."""
+
+
+PEOPLE, GAPS = 0x5E2502, 0x6A95
+"""What seeds of resets are combined with to draw faults of the people, and missed ticks."""
 
 
 class _Sample(NamedTuple):
@@ -71,6 +75,17 @@ def settings_of(faults: SensorFaults | CameraSettings | str | Mapping[str, Any])
     if not isinstance(faults, SensorFaults | CameraSettings):
         raise ParameterError(f"faults has to be SensorFaults, a name or a mapping, got {faults!r}")
     return faults
+
+
+def check_missing(missing: Sequence[str], names: Sequence[str]) -> None:
+    """Whether body parts that are never measured are some of those that there are, if there are any.
+
+    Raises:
+        ParameterError: They are not.
+    """
+    unknown = [name for name in missing if name not in names]
+    if unknown and names:
+        raise ParameterError(f"unknown body parts {unknown} in missing; valid: {', '.join(dict.fromkeys(names))}")
 
 
 class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -146,7 +161,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, then the faults; a seed seeds both."""
         result = self.env.reset(seed=seed, options=options)
-        self._rng = _stream(self.env, seed, self._rng, 0x5E2502)
+        self._rng = _stream(self.env, seed, self._rng, PEOPLE)
         if self.latency_range is not None:
             self._direct = replace(self._direct, latency=float(self._rng.uniform(*self.latency_range)))
         truth = self.env.get_wrapper_attr("scene")
@@ -171,9 +186,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
             self._camera = None if truth is None else KeypointCamera(self.faults, truth)
             return
         names = () if truth is None else truth.human.names
-        unknown = [name for name in self._direct.missing if name not in names]
-        if unknown and names:
-            raise ParameterError(f"unknown body parts {unknown} in missing; valid: {', '.join(dict.fromkeys(names))}")
+        check_missing(self._direct.missing, names)
         faults, m = self._direct, len(names)
         self._absent = np.array([name in faults.missing for name in names], np.bool_)
         self._dropouts = Bursts(faults.dropout, faults.dropout_ticks, m)
@@ -234,8 +247,8 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         return _Sample(self._last.number + 1, truth.time + delay, data, stamp, measured)
 
     def _receive(self, now: float) -> None:
-        arrived = [sample for sample in self._under_way if sample.arrival <= now + _ROUNDING]
-        self._under_way = [sample for sample in self._under_way if sample.arrival > now + _ROUNDING]
+        arrived = [sample for sample in self._under_way if sample.arrival <= now + ROUNDING]
+        self._under_way = [sample for sample in self._under_way if sample.arrival > now + ROUNDING]
         if not arrived:
             return
         if self._direct.reorder:
@@ -289,7 +302,7 @@ class MissedTicks(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; a seed seeds the gaps too."""
         result = self.env.reset(seed=seed, options=options)
-        self._rng = _stream(self.env, seed, self._rng, 0x6A95)
+        self._rng = _stream(self.env, seed, self._rng, GAPS)
         self._gaps = Bursts(self.probability, self.longest)
         return result
 

@@ -1,6 +1,6 @@
 """Which episodes can be played many at once, and the environments in which they are."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import reduce
 from typing import Any, cast
 
@@ -9,10 +9,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 
 from jssa_gym.envs.arm import ArmEnv
-from jssa_gym.envs.faults import SensorFaults
+from jssa_gym.envs.keypoint_camera import CameraSettings
 from jssa_gym.envs.sensor import MissedTicks, SensorModel
 from jssa_gym.envs.vector import VectorArmEnv
-from jssa_gym.envs.vector.sensors import VectorSensors
+from jssa_gym.envs.vector.sensors import SensorsOneByOne, VectorMissedTicks, VectorSensorModel, VectorSensors
 from jssa_gym.evaluation.contenders import Ageless, Late
 from jssa_gym.evaluation.rollout_vector import TimedShield
 from jssa_gym.exceptions import ParameterError
@@ -27,26 +27,13 @@ LEAST = 4
 _STEPS = 64_000
 """Most steps of all episodes at once: what is recorded of one takes about 1 KiB."""
 
+_SENSORS: dict[type[gym.Wrapper], tuple[str, ...]] = {
+    SensorModel: ("faults",), MissedTicks: ("probability", "longest"), Late: ("ticks",), Ageless: (),
+}  # fmt: skip
+"""Wrappers that change what a shield is shown and nothing else, and what they are made with."""
+
 _PASSIVE = (OrderEnforcing, PassiveEnvChecker)
 """Wrappers that change nothing."""
-
-
-_Rewrap = Callable[[gym.Env], gym.Env]
-"""Puts a wrapper like another around an environment."""
-
-
-def _like_sensor(sensor: SensorModel) -> _Rewrap | None:
-    """A sensor like another; None for a camera, whose people need not stay the same."""
-    return (lambda env: SensorModel(env, sensor.faults)) if isinstance(sensor.faults, SensorFaults) else None
-
-
-_SENSORS: dict[type[gym.Wrapper], Callable[[Any], _Rewrap | None]] = {
-    SensorModel: _like_sensor,
-    MissedTicks: lambda missed: lambda env: MissedTicks(env, missed.probability, missed.longest),
-    Late: lambda late: lambda env: Late(env, late.ticks),
-    Ageless: lambda ageless: Ageless,
-}
-"""Wrappers that change what a shield is shown and nothing else."""
 
 
 def at_once(steps: int) -> int:
@@ -62,18 +49,20 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
         count: How many.
 
     Returns:
-        The vector, or None where something is asked one arm at a time: servos, the projector of OSQP, and people,
-        tasks, filters and wrappers of a user's own.
+        The vector, or None where something is asked one arm at a time: servos, the projector of OSQP, cameras, sensors
+        that change from episode to episode or have no verified stop behind them, dictionaries, and people, tasks, filters and wrappers of a user's own.
     """
-    limits, shield, sensors, one = list[int](), None, list[_Rewrap](), cast(Any, env)
+    limits, shield, sensors, one = list[int](), None, list[Any](), cast(Any, env)
     while isinstance(one, gym.Wrapper):
         kind = type(one)
         if kind is TimeLimit:
             limits.append(one._max_episode_steps)
         elif kind in (Shield, JSSAShield):
             shield = one
-        elif kind in _SENSORS and (again := _SENSORS[kind](one)) is not None:
-            sensors.append(again)
+        elif kind in _SENSORS and not isinstance(getattr(one, "faults", None), CameraSettings):
+            if getattr(one, "latency_range", None) is not None:
+                return None
+            sensors.append(one)
         elif kind not in _PASSIVE:
             return None
         one = one.env
@@ -91,15 +80,32 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
             terminate_on=one.terminate_on,
             d_min=one.d_min,
             dt=one.dt,
+            observation=one.observation,
             max_episode_steps=min(limits, default=None),
             autoreset_mode=AutoresetMode.DISABLED,
         )
-    except ParameterError:  # people or a task of a user's own
+    except ParameterError:  # dictionaries, people who come and go, or people or a task of a user's own
         return None
     if shield is None:
         return arms
-    seen = VectorSensors(arms, lambda env: reduce(lambda inner, wrap: wrap(inner), reversed(sensors), env))
-    return TimedShield(arms, shield.filter, seen if sensors else None)
+    return TimedShield(arms, shield.filter, _sensors_like(sensors, arms))
+
+
+def _sensors_like(sensors: Sequence[Any], arms: VectorArmEnv) -> VectorSensors | None:
+    """What shows each arm what wrappers, the outermost first, show of a single one; None for none."""
+    if not sensors:
+        return None
+    (one, *more) = sensors
+    if not more and type(one) is MissedTicks:
+        return VectorMissedTicks(arms, one.probability, one.longest)
+    if not more and type(one) is SensorModel and VectorSensorModel.takes(one.faults):
+        return VectorSensorModel(arms, one.faults)
+    return SensorsOneByOne(arms, lambda env: reduce(_wrapped_like, reversed(sensors), env))
+
+
+def _wrapped_like(env: gym.Env, sensor: Any) -> gym.Env:
+    """Another sensor like one, around an environment."""
+    return type(sensor)(env, *(getattr(sensor, name) for name in _SENSORS[type(sensor)]))
 
 
 def _is_plain(env: gym.Env) -> bool:

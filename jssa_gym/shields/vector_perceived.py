@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.vector import Names, VectorShield
-from jssa_gym.types import Scene
+from jssa_gym.tick.layout import SceneRecord
 from jssa_gym.vectors import Mask
 
 _NO_SCENE = "there is no scene"
@@ -23,7 +23,9 @@ _PARTS = ("timed", "joints", "people", "seen", "fixtures")
 
 
 class Sensors(Protocol):
-    """What shows arms to their shields; see :class:`~jssa_gym.envs.vector.sensors.VectorSensors`."""
+    """What shows arms to their shields; see :class:`jssa_gym.envs.vector.sensors.VectorSensors`."""
+
+    lost: Mask
 
     def begin(self, which: Mask) -> None:
         """Episodes of those arms begin."""
@@ -33,8 +35,8 @@ class Sensors(Protocol):
         """Those arms have made a step."""
         ...
 
-    def scene(self, e: int) -> Scene | None:
-        """The present of arm ``e`` as it is perceived; None where it is not."""
+    def show(self, which: Mask, scene: SceneRecord) -> None:
+        """Write what is seen of those arms, but for those that are lost."""
         ...
 
 
@@ -64,6 +66,7 @@ class PerceivingShield(VectorShield):
                 f"{type(self.filter).__name__} without a verified stop takes what it is shown for the truth, one arm "
                 "at a time: take '+stop' behind its name, or a Shield around each environment"
             )
+        # of which arms nothing was seen when they decided last
         self._sensors, self._lost = sensors, np.zeros(env.num_envs, np.bool_)
         self._lost_words = self._words._replace(wrong=_WRONG)
 
@@ -78,36 +81,17 @@ class PerceivingShield(VectorShield):
     def _begin(self, which: Mask) -> dict[str, NDArray[Any]]:
         if self._sensors is not None:
             self._sensors.begin(which)
-            self._lost[which] = True  # nothing was seen before
         return super()._begin(which)
 
     def _show(self, which: Mask) -> None:
         if self._sensors is None:
             super()._show(which)
             return
-        for e in np.flatnonzero(which).tolist():
-            self._take(e, self._sensors.scene(e))
-
-    def _take(self, e: int, seen: Scene | None) -> None:
-        """Take down what is seen of arm ``e``."""
-        scene, now = self._batch.scene, self._batch.scene.now[e]
-        if self._lost[e]:
-            now["time"] = 0.0
-            for part in _PARTS:
-                now[part] = True
-        self._lost[e] = seen is None
-        if seen is None:
-            for part in _PARTS:
-                now[part] = False
-            return
-        human = seen.human
-        now["time"], scene.joints[e], scene.ends[e] = seen.time, seen.robot, human[:4]
-        scene.radius[e], scene.person[e], scene.age[e], scene.valid[e] = (
-            human.radius,
-            human.person,
-            seen.age,
-            seen.valid,
-        )
+        scene = self._batch.scene
+        self._sensors.show(which, scene)
+        self._lost[which] = self._sensors.lost[which]
+        for part in _PARTS:
+            scene.now[part][which] = ~self._lost[which]
 
     def _named(self, e: int) -> Names:
         return self._lost_words if self._lost[e] else super()._named(e)

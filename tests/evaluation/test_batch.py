@@ -8,7 +8,10 @@ import pytest
 
 from jssa_gym import JSSAShield, Shield
 from jssa_gym.envs.arm import ArmEnv
+from jssa_gym.envs.sensor import SensorModel
 from jssa_gym.evaluation.batch import at_once, vector_like
+from jssa_gym.evaluation.campaign import Campaign, Grid
+from jssa_gym.evaluation.contenders import JOINTS, NO_SENSOR, REPORTED
 from jssa_gym.evaluation.ledger import Chunk, Ledger, Results
 from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.play import Player, play
@@ -99,6 +102,30 @@ def test_recordings_are_those_of_single_episodes(task, name, human, policy, step
         assert touched
 
 
+@pytest.mark.parametrize("fault", [name for name in (*REPORTED, *JOINTS, "swapped identities") if name != NO_SENSOR])
+def test_what_sensors_show_is_what_single_ones_show(fault, never_alone):
+    # those of the joints one by one, the others in arrays
+    plan = Campaign((Grid(("full",), ("two",), ("wander",), (fault,), 4),), steps=90, judge=0.0)
+    ((cell, seeds),) = plan.seeds().items()
+    rows = list(play(Chunk(plan, cell, seeds, None)))
+    assert never_alone == []
+    player = Player(plan, cell)
+    assert list(map(timeless, rows)) == [timeless(player.measure(seed)) for seed in seeds]
+    assert sum(row.nominal for row in rows) < 4 * 90
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"), [("lag", "noise"), ("no_age", "latency 100 ms"), ("full", "unmodelled 50 ms")]
+)
+def test_sensors_in_a_row_show_what_single_ones_show(name, fault, never_alone):
+    plan = Campaign((Grid((name,), ("hand",), ("random",), (fault,), 4),), steps=60, judge=0.0)
+    ((cell, seeds),) = plan.seeds().items()
+    rows = list(play(Chunk(plan, cell, seeds, None)))
+    assert never_alone == []
+    player = Player(plan, cell)
+    assert list(map(timeless, rows)) == [timeless(player.measure(seed)) for seed in seeds]
+
+
 def test_rows_are_those_of_single_episodes(never_alone):
     plan = study("reach", "jssa+stop", "pursuit", "random", 250)
     ((cell, seeds),) = plan.seeds().items()
@@ -156,6 +183,8 @@ def changed():
 
 
 SINGULAR = {
+    "camera": lambda: Shield(SensorModel(ArmEnv("reach"), "camera 30 Hz"), "stop"),
+    "sensor without a stop": lambda: Shield(SensorModel(ArmEnv("reach"), "noise"), "jssa"),
     "servo": lambda: ArmEnv("reach", dynamics="servo"),
     "osqp": lambda: JSSAShield(ArmEnv("reach"), options={"projector": "osqp"}),
     "people": lambda: ArmEnv("reach", human=Still()),
