@@ -34,6 +34,8 @@ BOUNDS = "tests/shields/test_closer_bounds.py"
 HELD = "tests/shields/test_held_joints.py"
 CLOSED = "tests/shields/test_fail_closed.py"
 OFFERS = "tests/shields/test_offers.py"
+VECTOR_OFFERS = "tests/shields/test_vector_offers.py"
+MANY_JPC = "tests/policies/test_vector_jpc.py"
 MARGIN = "tests/kernels/test_margin.py"
 MOVED = "tests/evaluation/test_motion.py"
 PREPARE = "tests/robots/test_prepare.py"
@@ -886,17 +888,66 @@ MUTANTS = [
         ("tests/control/test_path.py", "garbage"),
     ),
     Mutant(
+        "an offer to many shields for ever",
+        "shields/vector.py",
+        "offered, self._offered = self._offered, None",
+        "offered = self._offered",
+        (VECTOR_OFFERS, "asked_and_told"),
+    ),
+    Mutant(
+        "an offer to many outlives their episodes",
+        "shields/vector.py",
+        "began, self._offered = self._arms.began, None",
+        "began = self._arms.began",
+        (VECTOR_OFFERS, "ends_with_a_reset"),
+    ),
+    Mutant(
+        "the room of the last episode",
+        "shields/batch.py",
+        'self.answer.told["margin"][which] = np.inf',
+        "pass",
+        (VECTOR_OFFERS, "ends_with_a_reset"),
+    ),
+    Mutant(
+        "what an arm of many is offered though it has none",
+        "shields/offers.py",
+        "return np.where(asked, np.minimum(counts, most), 0)",
+        "return np.full(count, most)",
+        (VECTOR_OFFERS, "asked_and_told"),
+    ),
+    Mutant(
+        "many arms that nobody asks what happens to them",
+        "control/many.py",
+        "min(wake, _wakes(jpc))",
+        "wake",
+        (MANY_JPC, "by_itself"),
+    ),
+    Mutant(
+        "many arms that pass their waypoints by",
+        "control/many.py",
+        "marks[0] if marks else NEVER",
+        "NEVER",
+        (MANY_JPC, "by_itself"),
+    ),
+    Mutant(
+        "many arms that do not notice that they were thrown off",
+        "tick/play.py",
+        "    if count < 0:\n        return False\n",
+        "",
+        (MANY_JPC, "thrown_off"),
+    ),
+    Mutant(
         "a way back through what stands still",
         "control/rejoin.py",
-        "if not way.keeps(kept) or not clear(way.states[:, 0]):",
-        "if not way.keeps(kept):",
+        "if not way.within(kept) or not clear(way.states[:, 0]):",
+        "if not way.within(kept):",
         ("tests/control/test_rejoin.py", ""),
     ),
     Mutant(
         "a way back beyond the limits",
         "control/rejoin.py",
-        "if not way.keeps(kept) or not clear(way.states[:, 0]):",
-        "if not clear(way.states[:, 0]):",
+        "kept[4] *= share",
+        "kept[2:] *= 2.0 * share",
         ("tests/control/test_rejoin.py", ""),
     ),
     Mutant(

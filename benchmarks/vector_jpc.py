@@ -7,7 +7,10 @@ beside ``walk_by``, plans, ways back and new episodes included, in which one arm
 """
 
 import argparse
+import os
 import time
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads wait for each other where there are fewer cores
 
 SHIELDS = (None, "jssa+stop", "work")
 

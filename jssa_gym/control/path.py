@@ -7,6 +7,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels import pacing
 from jssa_gym.kernels.override import along
 from jssa_gym.kernels.pacing import FAR, FAST, FASTER, HARD_PULLED, SLOWER, Paced, pace_of, paced
+from jssa_gym.kernels.profile import peaks
 from jssa_gym.kernels.rest import REST_JOINTS
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array
@@ -61,12 +62,12 @@ class PacedPath:
 
     def _most(self, limits: JointLimits) -> float:
         """The fastest pace that all of the plan can be played at within the limits."""
-        peaks = np.abs(self.plan.states).max(axis=0)
-        jerk = np.abs(self.plan.jerk).max(axis=0, initial=0.0)
+        velocity, acceleration, jerk = most = np.zeros((3, len(limits.jerk)))
+        peaks(self.plan.jerk, self.plan.states, most)
         with np.errstate(divide="ignore"):
             bounds = (
-                limits.velocity / peaks[1],
-                (limits.acceleration / peaks[2]) ** 0.5,
+                limits.velocity / velocity,
+                (limits.acceleration / acceleration) ** 0.5,
                 (limits.jerk / jerk) ** (1 / 3),
             )
         return max(1.0, min(HURRY, *(float(bound.min()) for bound in bounds)))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from jssa_gym.control.least_jerk import FEWEST, corrected, equalities, limited, required, splines
 from jssa_gym.exceptions import InfeasibleError, ParameterError
 from jssa_gym.kernels.motion import violates
-from jssa_gym.kernels.profile import follow, keeps
+from jssa_gym.kernels.profile import all_keep, follow, keeps
 from jssa_gym.kernels.rest import REST_PLANNED
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array, JointState
@@ -83,10 +83,13 @@ class Plan:
 
         Of a plan without ticks it is the state that has to keep them.
         """
-        bounds = limits.bounds()
+        return self.within(limits.bounds(), tolerance)
+
+    def within(self, bounds: Array, tolerance: float = TOLERANCE) -> bool:
+        """:meth:`keeps` of limits as rows lower and upper position, velocity, acceleration and jerk, shape (5, n)."""
         if not len(self):
             return not violates(self.states[0], np.zeros(bounds.shape[1]), bounds, tolerance)
-        return all(keeps(self.jerk, self.dt, self.states, bounds, j, tolerance) for j in range(bounds.shape[1]))
+        return all_keep(self.jerk, self.dt, self.states, bounds, tolerance)
 
 
 def checked_state(state: JointState, limits: JointLimits) -> JointState:

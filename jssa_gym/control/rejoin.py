@@ -8,8 +8,12 @@ import numpy as np
 
 from jssa_gym.control.least_jerk import FEWEST
 from jssa_gym.control.plan import Plan
+from jssa_gym.kernels.profile import may_join
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array
+
+_SURELY = 1e-4
+"""Share of a limit that is more than rounding: what exceeds it by that exceeds it."""
 
 Clear = Callable[[Array], bool]
 """Whether joint positions, shape (m, n) [rad], are clear of what stands still."""
@@ -70,14 +74,19 @@ def rejoin(route: Route, at: int, state: Array, limits: JointLimits, clear: Clea
     """
     host = route.host
     last = next((mark for mark in host.marks if mark > at), len(host))
+    begin = np.ascontiguousarray(state, float)
     for share in _SHARES:
-        kept = JointLimits(limits.position, limits.velocity, limits.acceleration, share * limits.jerk)
+        kept = limits.bounds()
+        kept[4] *= share
         for time in _TIMES:
             entry = max(round(time / host.dt), FEWEST)
+            inverse = _least_norm(entry)[1]
             for meets in sorted({min(at + max(round(lead * entry), 1), last) for lead in _LEADS}, reverse=True):
+                if not may_join(begin, host.states[meets], inverse, host.dt, kept, _SURELY):
+                    continue
                 jerk = _joining(state, host.states[meets], entry, host.dt)
                 way = Plan.follow(state, jerk, host.dt, (entry,))
-                if not way.keeps(kept) or not clear(way.states[:, 0]):
+                if not way.within(kept) or not clear(way.states[:, 0]):
                     continue
                 marks = tuple(entry + mark - meets for mark in host.marks if mark >= max(meets, at + 1))
                 plan = Plan.follow(state, np.concatenate([jerk, host.jerk[meets:]]), host.dt, marks)

@@ -7,12 +7,10 @@ derivatives by path time :math:`q', q'', q'''` the joints move by
           \dddot q = q''' \dot s^3 + 3 q'' \dot s \ddot s + q' \dddot s .
 """
 
-import numpy as np
-
-from jssa_gym.kernels.jit import jit, jit_owning
+from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import advance
 from jssa_gym.kernels.rest import REST_JOINTS
-from jssa_gym.kernels.vector import copy, copy_rows
+from jssa_gym.kernels.vector import copy_rows
 from jssa_gym.kernels.viability import recoverable
 
 PULL = 10.0
@@ -195,7 +193,7 @@ def _still(point):
     return most <= REST_JOINTS
 
 
-@jit_owning
+@jit
 def propose(plan, pace, wishes, state, bounds, point, out):
     """Jerks for paces that are wished for, in their order, without those that limits forbid and those that are alike.
 
@@ -215,14 +213,13 @@ def propose(plan, pace, wishes, state, bounds, point, out):
     offered, paces, numbers = out
     tau, count = plan[2], 0
     ended = pace[0] >= plan[0].shape[0] * tau
-    begun = np.empty(3)
     for m in range(wishes.shape[0]):
         if count == offered.shape[0]:
             break
         along(plan, pace[0], point[0])
-        copy(pace, begun)
+        begun = (pace[0], pace[1], pace[2])
         if _still(point[0]):  # the plan begins at rest: any pace will do, at once
-            begun[1], begun[2] = wishes[m, 0], 0.0
+            begun = (pace[0], wishes[m, 0], 0.0)
         a, j = room(point[0], begun[1], begun[2], bounds, wishes[m, 1], wishes[m, 2])
         following = paces[count]
         following[0], following[1], following[2] = next_pace(begun[0], begun[1], begun[2], wishes[m, 0], a, j, tau)

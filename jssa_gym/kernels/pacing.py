@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.kernels.jit import jit, jit_owning
+from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.override import along, propose
 from jssa_gym.kernels.records import records
 from jssa_gym.kernels.vector import copy
@@ -113,7 +113,7 @@ def slewed(kept, margin, tau):
     return min(max(most * pace_of(margin), kept["override"] - SLOWER * tau), kept["override"] + FASTER * tau)
 
 
-@jit_owning
+@jit
 def offer(plan, paced, state, margin, bounds, most, e):
     """Jerks for this tick in order of preference, into ``paced.jerks[e]``; nothing moves on before :func:`go_on`.
 

@@ -154,41 +154,38 @@ class VectorShield(VectorWrapper):
         """What is known by name where arm ``e`` is, and what of its last scene could not be read."""
         return self._words
 
-    def _decide(self, live: Mask) -> layout.Answer:
-        """Let filters see the present and what is offered, and decide."""
-        self._show(live)
-        self._batch.scene.now["alternatives"] = 0
-        offered, self._offered = self._offered, None
-        if offered is not None:
-            self._consider(offered, live)
-        answer = self._batch.decide(self._nominal, live)
-        self._override[live] = 1.0
-        if offered is not None:
-            self._choose(offered, live)
-        return answer
-
     def _show(self, which: Mask) -> None:
         """Let filters of those arms see the present."""
         arms, scene = self._arms, self._batch.scene
         scene.now["time"], scene.joints[:] = arms.time, arms.state
         scene.ends[:], scene.radius[:] = arms.people
 
-    def _consider(self, offered: VectorOffered, live: Mask) -> None:
-        """Take down what paths offer."""
+    def _decide(self, live: Mask) -> layout.Answer:
+        """Let filters see the present and what paths offer, decide, and tell paths what was chosen."""
+        self._show(live)
         batch, scene = self._batch, self._batch.scene
-        scene.now["alternatives"] = alternatives_of_all(
-            offered, batch.present.copy(), batch.margin, live, scene.alternatives, self._alarm
-        )
+        offered, self._offered = self._offered, None
+        self._override[live], scene.now["alternatives"] = 1.0, 0
+        if offered is not None:
+            scene.now["alternatives"] = alternatives_of_all(
+                offered, batch.present.copy(), batch.margin, live, scene.alternatives, self._alarm
+            )
+        answer = batch.decide(self._nominal, live)
+        if offered is not None:
+            self._choose(offered, live)
+        return answer
 
     def _choose(self, offered: VectorOffered, live: Mask) -> None:
         """Tell paths what became of what they offered."""
         scene, answer = self._batch.scene, self._batch.answer
         told, counts = answer.told, scene.now["alternatives"]
+        forwarded = live & (told["status"] == codes.NOMINAL)
         # what is applied may be an alternative though none was chosen
-        for e in np.flatnonzero(live & (told["status"] == codes.NOMINAL) & (told["choice"] < 0) & (counts > 0)):
+        for e in np.flatnonzero(forwarded & (told["choice"] < 0) & (counts > 0)):
             told["choice"][e] = alike(scene.alternatives[e, : counts[e]], answer.jerk[e], self._jerk_bound)
-        choice = np.where(told["status"] == codes.NOMINAL, told["choice"], -1)
-        self._override[live] = tell_all(offered, choice, live, self._alarm)[live]
+        chosen = forwarded & (told["choice"] >= 0)
+        self._nominal[chosen] = answer.jerk[chosen]
+        self._override[live] = tell_all(offered, np.where(chosen, told["choice"], -1), live, self._alarm)[live]
 
     def _begin(self, which: Mask) -> dict[str, NDArray[Any]]:
         """Begin episodes of those arms; what is said of them."""

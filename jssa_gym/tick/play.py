@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.kernels.jit import jit, jit_owning
+from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.pacing import go_on, offer, ticks_of
 from jssa_gym.kernels.records import STOP, records
@@ -71,7 +71,7 @@ def players(arms: int, n: int, ticks: int = 0) -> Players:
     )
 
 
-@jit_owning
+@jit
 def _plan(players, tau, e):
     """What an arm plays, as :func:`~jssa_gym.kernels.override.along` reads it."""
     length = players.now[e]["length"]
@@ -107,7 +107,7 @@ def _brake(state, bounds, tau, stops, jerk):
         stop_jerk(stops, 0, jerk)
 
 
-@jit_owning
+@jit
 def _follow(players, paced, state, bounds, tau, jerk, e):
     """A tick on a path; whether nothing happens in it."""
     now, plan = players.now[e], _plan(players, tau, e)
@@ -150,7 +150,7 @@ def _go_by_itself(players, state, bounds, tau, jerk, e):
     return True
 
 
-@jit_owning
+@jit
 def play_all(players, paced, state, bounds, tau, asked, jerk):
     """A tick of every arm in which nothing happens.
 
