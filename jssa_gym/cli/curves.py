@@ -87,7 +87,7 @@ def _row(curve: LearningCurve) -> tuple[str, ...]:
 def _told(curve: LearningCurve, name: str, factor: float = 1.0, unit: str = "") -> str:
     band = curve.bands[name]
     value, low, high = (factor * values[-1] for values in (band.value, band.low, band.high))
-    return f"{value:.0f}{unit} [{low:.0f}, {high:.0f}]"
+    return f"{value:.0f}{unit}" + (f" [{low:.0f}, {high:.0f}]" if curve.runs > 1 else "")  # one says nothing of others
 
 
 def _markdown(rows: Sequence[Sequence[str]]) -> str:

@@ -55,7 +55,8 @@ class Train:
     task: str = "reach"
     """Task of the environment: home, reach, track, handover or deliver."""
     algorithm: Algorithm | None = None
-    """Of Stable-Baselines3; tqc of sb3-contrib; None: the one that was tuned for the task, else ppo."""
+    """Of Stable-Baselines3; tqc of sb3-contrib; those with -lagrangian keep a limit on the cost, --set cost_limit=...
+    None: the one that was tuned for the task, else ppo."""
     out: Path = Path("training")
     """Folder for everything; a training that is there already is continued."""
     robot: Annotated[str, ROBOT] = DEFAULT

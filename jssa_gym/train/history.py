@@ -99,7 +99,7 @@ class EpisodeCounter:
             eval_interventions=report.means["intervention_rate"].value if "intervention_rate" in report.means else 0.0,
             eval_return=report.means["ep_return"].value,
             eval_time=float("nan") if times is None else times.value,
-            processor_seconds=round(processor_seconds, 1),
+            processor_seconds=round(processor_seconds, 3),
             cost_rate=sum(x["ep_cost"] for x in ended) / sum(x["ep_len"] for x in ended) if ended else float("nan"),
         )
 

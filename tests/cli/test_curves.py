@@ -47,7 +47,8 @@ def test_curves_of_them_are_drawn_and_written(swept, tmp_path, here):
     assert (one["label"], one["runs"]) == ("one", 1)
     lines = (tmp_path / "drawn" / "curves.md").read_text().splitlines()
     assert lines[0].startswith("| trainings | seeds | policy steps |")
-    assert lines[2].startswith("| both | 2 | 64 |")
+    assert lines[2].startswith("| both | 2 | 64 | 0 % [0, 0] |")
+    assert lines[3].startswith("| one | 1 | 64 | 0 % | 0 % |")
     assert (tmp_path / "drawn" / "curves.png").read_bytes().startswith(b"\x89PNG")
     quick = here("curves", folder / "seed-4", "--no-figure", "--json", "--resamples", "10", "--out", tmp_path / "json")
     assert json.loads(quick.stdout)[0]["label"] == "seed-4"
