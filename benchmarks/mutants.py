@@ -44,6 +44,8 @@ GUARANTEES = "tests/robots/test_prepare_guarantees.py"
 COVERAGE = "tests/robots/test_coverage.py"
 DOORS = "tests/robots/test_doors.py"
 SEEN = "tests/perception/test_tracker.py"
+ENERGY = "tests/evaluation/test_energy.py"
+DATA = "tests/datasets/test_datasets.py"
 ASSUMPTIONS = (FILTERS, "every_assumption or contact_speed")
 FAULTS = (FILTERS, "a_fault_ends and 3 or sick or elsewhere or clocks or missed")
 PROMISES = (FILTERS, "whatever_anybody_does or rejected_for_good")
@@ -1204,6 +1206,55 @@ MUTANTS = [
         "if [_trial(one) for one in report.episodes] != [_trial(one) for one in first.episodes]:",
         "if False:",
         (MOVED, "nothing_to_compare_with"),
+    ),
+    Mutant(
+        "energies: twice what a body part may be given",
+        "safety/energy.py",
+        "math.sqrt(2.0 * energy / mass_of(part))",
+        "math.sqrt(4.0 * energy / mass_of(part))",
+        (ENERGY, "keep_the_energy"),
+    ),
+    Mutant(
+        "energies: of several regions the hardest one counts",
+        "safety/energy.py",
+        "return min(region.energy for region in regions_of(part))",
+        "return max(region.energy for region in regions_of(part))",
+        (ENERGY, "keep_the_energy"),
+    ),
+    Mutant(
+        "energies: a contact speed is no bound beside one",
+        "safety/failsafe.py",
+        "return min(speed, slow) if speed > 0.0 else slow",
+        "return slow",
+        (ENERGY, "is_a_contact_speed"),
+    ),
+    Mutant(
+        "energies: the arm weighs nothing",
+        "evaluation/geometry.py",
+        "reduced = human / (1.0 + human / mass)",
+        "reduced = human / (1.0 + 100.0 * human / mass)",
+        (ENERGY, "share_the_motion"),
+    ),
+    Mutant(
+        "data sets: people who come are not seen",
+        "datasets/episode.py",
+        "if scene.human.names != people.names:",
+        "if False:",
+        (DATA, "who_come"),
+    ),
+    Mutant(
+        "data sets: what is checked is not what is read",
+        "datasets/minari.py",
+        "digest.update(array.tobytes())",
+        'digest.update(b"")',
+        ("tests/cli/test_dataset.py", "what_was_changed"),
+    ),
+    Mutant(
+        "leaderboard: half a table is one",
+        "board/episodes.py",
+        "if not archive.eof:",
+        "if False:",
+        ("tests/board/test_board.py", "no_board"),
     ),
     _seen(
         "keypoints: those that jump are believed",

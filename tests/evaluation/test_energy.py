@@ -134,6 +134,20 @@ def test_the_ratio_is_that_of_the_worst_touch(bare):
     assert np.all(touches.energy_ratio <= most * touches.robot_approach**2 * (1.0 + 1e-9))
 
 
+def test_arm_and_body_part_share_the_motion(bare, monkeypatch):
+    trace, robot = bare
+    found = {}
+    for mass in (np.inf, 10.0):
+        monkeypatch.setattr(Inertia, "mass", lambda *_, mass=mass: mass)
+        found[mass] = geometry(trace, robot).touches.energy_ratio
+    some = found[np.inf] > 0.0
+    expected = {part: 10.0 / (10.0 + mass_of(part)) for part in trace.human_names}
+    shares = found[10.0][some] / found[np.inf][some]
+    # where the axes cross there is no normal, and the arm's mass counts as without bound
+    assert {*np.round(shares, 9)} <= {1.0, *np.round(list(expected.values()), 9)}
+    assert np.mean(shares < 1.0) > 0.5
+
+
 def test_nobody_and_servos_have_none(bare):
     trace, robot = bare
     assert summarise(trace, robot.limits).energy_ratio is None
