@@ -86,8 +86,8 @@ def kind_codes(told: NDArray[Any]) -> NDArray[np.int64]:
     """
     status, chosen = told["status"], told["chosen"]
     graded = (chosen == HALFWAY) | (chosen == GRADED)
-    which = (status == codes.FAULT, chosen == STORED, graded, status == codes.NOMINAL)
-    names: tuple[Kind, ...] = ("fault", "stop", "graded", "nominal")
+    which = (status == codes.FAULT, told["choice"] >= 0, chosen == STORED, graded, status == codes.NOMINAL)
+    names: tuple[Kind, ...] = ("fault", "alternative", "stop", "graded", "nominal")
     return np.select(which, [KINDS.index(name) for name in names], KINDS.index("projected"))
 
 
