@@ -1,7 +1,7 @@
 # What a contributor does most, with what the README's second command has installed in .venv; nothing needs a network.
 PYTHON ?= .venv/bin/python
 
-.PHONY: fast test lint format docs site
+.PHONY: fast test lint format docs site tables
 
 fast: ## all tests but the long ones: within two minutes on two cores
 	$(PYTHON) -m pytest -q -n auto -m "not slow and not long"
@@ -23,3 +23,6 @@ docs: ## the tables of docs/metrics.md and docs/spaces.md anew from the code
 
 site: ## the documentation as a site, in docs/_build/html; any warning ends it
 	$(PYTHON) -m sphinx -q -E -W --keep-going -b html docs docs/_build/html
+
+tables: ## published tables anew, those of at most five minutes; of the others it says the commands
+	$(PYTHON) benchmarks/tables.py --run

@@ -28,6 +28,7 @@ KERNELS = "tests/kernels/test_verification.py"
 FILTERS = "tests/shields/test_failsafe.py"
 JOINTS = "tests/tick/test_joints.py"
 PEOPLE = "tests/tick/test_people.py"
+REGION, WATCHED = "tests/tick/test_region.py", "tests/shields/test_watched.py"
 CLOSER = "tests/kernels/test_occupancy.py"
 BOUNDS = "tests/shields/test_closer_bounds.py"
 HELD = "tests/shields/test_held_joints.py"
@@ -101,6 +102,10 @@ def _jumps(name, old, new):
     return Mutant(
         name, "evaluation/motion.py", old, new, (MOVED, "test_jumps_are or jerk_that or what_is or own_bound")
     )
+
+
+def _track(name, file, old, new, tests):
+    return Mutant(name, file, old, new, (REGION, tests))
 
 
 def _filter(name, old, new, tests=FAULTS):
@@ -240,7 +245,7 @@ MUTANTS = [
     ),
     _admit(
         "another jerk is not verified",
-        "    which, _, _, _, _ = choose(robot, settings, memory, work.wanted, work.jerk, work, e)\n",
+        "    which, _, _, _, _ = choose(robot, settings, memory, work.wanted, work.jerk, np.nan, work, e)\n",
         "    keeps_safe(robot, settings, memory, work.wanted, 0, work, e)\n    which, work.jerk[:] = 1, work.wanted\n",
         (HELD, "amendment"),
     ),
@@ -326,13 +331,15 @@ MUTANTS = [
     # what is assumed
     _kernel("age dropped", "(age[k] + lag)", "lag", ASSUMPTIONS),
     _kernel("lag dropped", "(age[k] + lag)", "age[k]", ASSUMPTIONS),
-    _admit("tracking error dropped", "settings.position_error + settings.astray", "settings.position_error"),
-    _admit("position error dropped", "settings.position_error + settings.astray", "settings.astray"),
+    _admit(
+        "tracking error dropped", "error = settings.position_error + settings.astray", "error = settings.position_error"
+    ),
+    _admit("position error dropped", "= settings.position_error + settings.astray", "= settings.astray"),
     _filter("max_age ignored", "max_age=assumed.max_age", "max_age=1e9", (FILTERS, "max_age or frozen or too_old")),
     _admit(
         "no margin to what stands",
-        "        settings.astray,\n",
-        "        0.0,\n",
+        "        settings.astray, settings.faces",
+        "        0.0, settings.faces",
         (FILTERS, "tracking"),
     ),
     Mutant(
@@ -415,7 +422,7 @@ MUTANTS = [
     Mutant(
         "jumps are believed",
         "kernels/people.py",
-        "if not _within(ends, j, radius, track, elapsed, error):",
+        "if not within(ends, j, radius, track, elapsed, error):",
         "if False:",
         (FILTERS, "jumping"),
     ),
@@ -565,8 +572,8 @@ MUTANTS = [
     Mutant(
         "people stand still with the clock",
         "tick/people.py",
-        'arm["ahead"] = max(arm["ahead"] + due - gap, 0.0)',
-        "pass",
+        'return max(arm["ahead"] + due - gap, 0.0)',
+        'return arm["ahead"]',
         (JOINTS, "missing_scenes"),
     ),
     Mutant(
@@ -866,15 +873,15 @@ MUTANTS = [
     ),
     Mutant(
         "a path that is left goes on being offered",
-        "control/path.py",
-        "if not self.astray(state):",
-        "if True:",
+        "kernels/pacing.py",
+        "    if astray(plan, paced, state, e):\n",
+        "    if False:\n",
         ("tests/control/test_path.py", "garbage"),
     ),
     Mutant(
         "a path takes what it did not offer",
-        "control/path.py",
-        "if not 0 <= choice < self._count:",
+        "kernels/pacing.py",
+        'if not 0 <= choice < kept["count"]:',
         "if choice < 0:",
         ("tests/control/test_path.py", "garbage"),
     ),
@@ -965,17 +972,83 @@ MUTANTS = [
     Mutant(
         "a margin for which people do not grow back",
         "kernels/margin.py",
-        "slowest * length / _MOMENTS, room)",
+        "slowest * (then - t), room)",
         "np.inf, room)",
+        (MARGIN, "formula or moments"),
+    ),
+    Mutant(
+        "a margin for which the arm stands still before its last moment",
+        "kernels/margin.py",
+        "(slowest - speed) * (then - t)",
+        "slowest * (then - t)",
         (MARGIN, "formula or moments"),
     ),
     Mutant(
         "a margin that leaves out whoever is near",
         "kernels/margin.py",
-        "radii + taken + least + _ROUNDING",
-        "taken + least + _ROUNDING",
+        "balls_gap(ball, balls[k]) - radii - taken",
+        "balls_gap(ball, balls[k])",
         (MARGIN, "formula or moments"),
     ),
+    # people who come and go
+    _kernel(
+        "nobody comes in at the edge",
+        "if pieces.shape[0] > 1 and spin > REST_SPEED:",
+        "if pieces.shape[0] > 9 and spin > REST_SPEED:",
+        (WATCHED, "reason_says or older"),
+    ),
+    _admit("frames are new", "entered(settings, since +", "entered(settings, 0.0 * since +", (WATCHED, "older")),
+    _admit("who comes in waits for the lag", "since + settings.lag", "since", (WATCHED, "older")),
+    _admit(
+        "the edge is seen exactly",
+        "settings.lag, settings.position_error + settings.astray)",
+        "settings.lag, settings.astray)",
+        (WATCHED, "older"),
+    ),
+    Mutant(
+        "who appears in the middle is no trouble",
+        "tick/region.py",
+        'memory.arm[e]["verified"] = False',
+        "pass",
+        (WATCHED, "middle"),
+    ),
+    _track(
+        "frames count though somebody jumped",
+        "tick/region.py",
+        'if not track["stamp"] > -np.inf or _doubted(memory, k, e):',
+        'if not track["stamp"] > -np.inf:',
+        "who_jumps",
+    ),
+    _track(
+        "a region need not be seen",
+        "tick/region.py",
+        'return time - arm["frame"] <= settings.max_age + STAMP_ROUNDING',
+        "return True",
+        "nobody_sees",
+    ),
+    _track(
+        "dropped whatever the error",
+        "tick/region.py",
+        '(time - track["stamp"]) + settings.position_error',
+        '(time - track["stamp"])',
+        "error_of_places",
+    ),
+    _track(
+        "lost is forgotten",
+        "shields/association.py",
+        "if j not in kept and met[j] and not track_left(arms, seen.time, j, False)",
+        "if False",
+        "lost_inside or jumps",
+    ),
+    _track("either of two", "shields/association.py", "if len(near) == 1:", "if near:", "either_of_two"),
+    _track(
+        "ids are right",
+        "shields/association.py",
+        "if all(settle(i, set())",
+        "if False and all(settle(i, set())",
+        "exchanged",
+    ),
+    _track("any number", "shields/association.py", "if len(source) > self._capacity:", "if False:", "more_people"),
     # in front of a controller
     _guard("what is no command is followed", "guard/guard.py", "self._nominal.fill(math.nan)", "pass", "no_command"),
     _guard(

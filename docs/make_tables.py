@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from jssa_gym.envs.observation import Feature, arm_features
+from jssa_gym.envs.goals import GOAL_TERMS
+from jssa_gym.envs.observation import Feature, arm_features, body_features
 from jssa_gym.envs.tasks import COMMON_TERMS, TASKS, RewardTerm
 from jssa_gym.evaluation.definitions import markdown, metrics_of
 from jssa_gym.evaluation.metrics import Summary
@@ -28,6 +29,7 @@ def spaces() -> dict[str, str]:
     common = arm_features(robot, parts)
     begin = sum(feature.size for feature in common)
     tables = {"observation": _observed(common), "reward": _rewarded(COMMON_TERMS)}
+    tables |= {"full observation": _observed(body_features(parts), begin), "goal reward": _rewarded(GOAL_TERMS)}
     for name, task in TASKS.items():
         tables[f"{name} observation"] = _observed(task().features(robot), begin)
         tables[f"{name} reward"] = _rewarded(task.terms)

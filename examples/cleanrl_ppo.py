@@ -1,4 +1,4 @@
-"""PPO in one file, as CleanRL writes it, inside the shield; needs the extra ``train``.
+"""PPO in one file, as CleanRL writes it, on many environments at once inside the shield; needs the extra ``train``.
 
 A step of the policy is ``ticks`` control steps, in each of which the shield decides anew.
 """
@@ -13,23 +13,26 @@ import tyro
 from torch import nn
 from torch.distributions import Normal
 
-import jssa_gym
+import jssa_gym  # noqa: F401  # registers the ids
+from jssa_gym.control.vector import VectorJPCAction
+from jssa_gym.envs.vector import VectorActionRepeat
+from jssa_gym.evaluation.record_vector import VectorRecordSafety
 
 
 @dataclass(frozen=True)
 class Args:
     env_id: str = "jssa_gym/ReachShielded-v0"
-    ticks: int = 5
+    ticks: int = 25
     """Control steps for which an action is repeated."""
     seed: int = 0
     total_timesteps: int = 200_000
-    num_envs: int = 4
-    num_steps: int = 256
+    num_envs: int = 64
+    num_steps: int = 32
     """Between two updates, in every environment."""
-    num_minibatches: int = 8
+    num_minibatches: int = 16
     update_epochs: int = 10
-    learning_rate: float = 3e-4
-    gamma: float = 0.98
+    learning_rate: float = 7e-4
+    gamma: float = 0.9
     gae_lambda: float = 0.95
     clip_coef: float = 0.2
     ent_coef: float = 0.0
@@ -39,16 +42,11 @@ class Args:
 
 
 def make_envs(args: Args) -> gym.vector.VectorEnv:
-    """Safety is recorded in every control step, returns in every step of the policy."""
-    wrappers = (
-        jssa_gym.RecordSafety,
-        lambda env: jssa_gym.ActionRepeat(env, args.ticks),
-        gym.wrappers.RecordEpisodeStatistics,
-        gym.wrappers.ClipAction,
-    )
+    """Velocities of the tool, held for some control steps; safety is recorded in every control step."""
+    envs = VectorRecordSafety(gym.make_vec(args.env_id, args.num_envs, autoreset_mode="Disabled"))
+    envs = VectorJPCAction(envs, mode="tip", share=1.0)
     # by default a finished environment would spend a step on its reset, which is no transition to learn from
-    mode = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    return gym.make_vec(args.env_id, args.num_envs, "sync", vector_kwargs=mode, wrappers=wrappers)
+    return gym.wrappers.vector.ClipAction(VectorActionRepeat(envs, args.ticks, "SameStep"))
 
 
 def mlp(inputs: int, outputs: int, gain: float) -> nn.Sequential:
@@ -113,6 +111,7 @@ def train(args: Args) -> Agent:
     actions, rewards = torch.zeros(*shape, outputs), torch.zeros(shape)
     terminated, done = torch.zeros(shape, dtype=torch.bool), torch.zeros(shape, dtype=torch.bool)
     observation, _ = envs.reset(seed=args.seed)
+    returns = np.zeros(args.num_envs)
     iterations = max(args.total_timesteps // (args.num_steps * args.num_envs), 1)
     for iteration in range(iterations):
         optimizer.param_groups[0]["lr"] = args.learning_rate * (1.0 - iteration / iterations)
@@ -122,12 +121,13 @@ def train(args: Args) -> Agent:
             with torch.no_grad():
                 actions[t] = agent.policy(observations[t]).sample()
             observation, reward, over, late, info = envs.step(actions[t].numpy())
+            returns += reward
             rewards[t], terminated[t], done[t] = map(torch.as_tensor, (reward, over, over | late))
             following[t] = torch.as_tensor(observation)
             for k in np.flatnonzero(over | late):
                 following[t, k] = torch.as_tensor(info["final_obs"][k])
                 ended.append({name: x[k] for name, x in info["final_info"].get("safety", {}).items()})
-                ended[-1]["return"] = info["final_info"]["episode"]["r"][k]
+                ended[-1]["return"], returns[k] = returns[k], 0.0
         with torch.no_grad():
             values, before = agent.value(observations), agent.policy(observations).log_prob(actions).sum(-1)
             ahead = agent.value(following)

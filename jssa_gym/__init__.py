@@ -44,12 +44,13 @@ if TYPE_CHECKING:
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
     from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
+    from jssa_gym.safety.region import WatchedRegion
     from jssa_gym.safety.tracking import measure_tracking
     from jssa_gym.shields import FILTERS, JSSAOptions, JSSAShield, SafetyFilter, Shield, make_filter
     from jssa_gym.shields.vector import VectorShield
     from jssa_gym.types import CapsuleSet, Decision, JointState, MeasuredPeople, Planes, Scene, Status
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "ActionRepeat": "jssa_gym.envs.repeat",
@@ -101,6 +102,7 @@ _HOMES = {
     "VectorArmEnv": "jssa_gym.envs.vector",
     "VectorShield": "jssa_gym.shields.vector",
     "Walk": "jssa_gym.humans",
+    "WatchedRegion": "jssa_gym.safety.region",
     "certify": "jssa_gym.certificate.certify",
     "check_env": "jssa_gym.envs.check",
     "evaluate": "jssa_gym.evaluation",
@@ -162,6 +164,7 @@ __all__ = [
     "VectorArmEnv",
     "VectorShield",
     "Walk",
+    "WatchedRegion",
     "__version__",
     "certify",
     "check_env",

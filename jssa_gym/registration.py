@@ -45,6 +45,7 @@ ENTRIES: dict[str, Entry] = {
         "jssa_gym.envs.tasks.tip:Handover",
         {"lambda1": 1.0, "lambda2": 0.1, "failsafe": {"contact_speed": {"right_arm": 0.1}}},
     ),
+    "deliver": Entry("jssa_gym.envs.tasks.deliver:Deliver"),
 }
 """Tasks by name: the only place that lists them."""
 

@@ -87,14 +87,18 @@ class Scene(NamedTuple):
     """Age of each human capsule's measurement, shape (m,) [s]."""
     valid: NDArray[np.bool_]
     """Whether each human capsule was measured, shape (m,)."""
+    frame_age: float | None = None
+    """Age of the newest complete frame [s]: all that was of people inside of a watched region at its moment is in
+    ``human``, or was before and has not been measured since. NaN: there is none. None: as old as the oldest capsule
+    that was measured, and of now without any. Nobody looks at it unless a region is watched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredPeople:
     """Everybody beside the arm as they were measured, for :meth:`jssa_gym.Guard.tick`.
 
-    Who there is, by names, order and persons, is settled by the first tick. A capsule that was not measured this time
-    stays in its place, not ``valid``.
+    Who there is, by names, order and persons, is settled by the first tick, unless a region is watched. A capsule that
+    was not measured this time stays in its place, not ``valid``.
     """
 
     capsules: CapsuleSet
@@ -103,6 +107,8 @@ class MeasuredPeople:
     """How old the measurement is at the tick's stamp [s]: one number, or one a capsule, shape (m,)."""
     valid: NDArray[np.bool_] | None = None
     """Whether each capsule was measured, shape (m,); None for all."""
+    frame_age: float | None = None
+    """Of the newest complete frame of a watched region, see :class:`Scene` [s]; None: ``age`` if that is one number."""
 
 
 class HalfSpaces(NamedTuple):

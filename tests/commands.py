@@ -14,6 +14,12 @@ sys.meta_path.insert(0, Blocked())
 """
 """Python after which some modules are not installed; to be formatted with ``blocked``, their names."""
 
+TINY = (
+    *("train", "--algorithm", "ppo", "--steps", "128", "--interval", "64", "--envs", "2", "--eval-episodes", "1"),
+    *("--set", "width=16", "rollout=64", "batch_size=32", "n_epochs=2"),
+)
+"""Arguments of a training of two legs."""
+
 
 def cli(*arguments, cwd=None, before=""):
     """``jssa-gym`` in another process; ``before`` is Python run ahead of it."""

@@ -220,9 +220,13 @@ def forget_people(filter) -> None:
 
 def watch(filter, scene) -> bool:
     """Look at the people of a scene, and at nothing else; whether they can be relied on."""
-    records = filter.records
+    return wrong_with_people(filter, scene) == 0
+
+
+def wrong_with_people(filter, scene) -> int:
+    """Look at the people of a scene, and at nothing else; the code of what is wrong with them, or 0."""
     filter._reading.read(scene)
-    return _watch(records.view.arms) == 0
+    return _watch(filter.records.view.arms)
 
 
 class Unsolvable(JSSAFilter):

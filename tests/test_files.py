@@ -55,7 +55,7 @@ from jssa_gym.storage import (
     write_whole,
 )
 from jssa_gym.train.checkpoint import read_checkpoint
-from jssa_gym.train.history import write_history
+from jssa_gym.train.history import write_history, write_record
 
 PACKAGE = Path(jssa_gym.__file__).parent
 
@@ -86,6 +86,7 @@ def writers(recording):
         "policy.npz": lambda path: save_policy(path, load_policy(shipped_policies()[0])),
         "recording.npz": lambda path: recording.save(path),
         "history.csv": lambda path: write_history(path, ()),
+        "training.json": lambda path: write_record(path, {}, ()),
         "campaign.json": lambda path: Ledger(path.parent, study),
         "chunks.jsonl": lambda path: ChunkFile(path.parent, {"a": 1}),
         "summary.json": lambda path: write_reports(path, ()),

@@ -20,7 +20,7 @@ LAYERS = (
     ("shields", "envs", "control"),
     ("policies", "guard", "entry_points"),
     ("evaluation",),
-    ("train", "paper", "certificate"),
+    ("train", "paper", "certificate", "datasets", "board"),
     ("plots",),
     ("viewer", "hardware"),
     ("cli",),
@@ -35,6 +35,7 @@ HEAVY = {
     "sb3_contrib": ("train",),
     "osqp": ("safety.projectors",),
     "ray": ("evaluation.cluster",),
+    "h5py": ("datasets.minari",),
     "matplotlib": ("plots",),
     "av": ("plots",),
     "viser": ("viewer",),
@@ -44,7 +45,7 @@ HEAVY = {
     "mujoco": (
         *("headless", "robots.coverage", "robots.mjcf", "robots.model", "robots.prepare"),
         *("robots.reading", "robots.serial", "envs.drawing", "envs.opengl", "envs.stage"),
-        *("envs.window", "envs.world", "evaluation.oracle"),
+        *("envs.window", "envs.world", "evaluation.inertia", "evaluation.oracle"),
     ),
     "glfw": ("envs.window",),
     "PIL": ("plots",),
@@ -52,7 +53,7 @@ HEAVY = {
 """Where a heavy library may be imported at all, and there only inside functions."""
 
 WHOLLY_HEAVY = (
-    *("train.learner", "train.loop", "train.state", "train.vector"),
+    *("train.lagrangian", "train.learner", "train.loop", "train.state", "train.vector"),
     *(f"viewer.{name}" for name in ("capsules", "charts", "page", "panel", "scene", "server", "shapes")),
 )
 """Modules that import such libraries at once, and are themselves imported by others inside functions only."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jssa_gym.train import PPO, SAC, TD3, TQC, TrainConfig, checkpoint
+from jssa_gym.train import PPO, SAC, TD3, TQC, PPOLagrangian, SACLagrangian, TrainConfig, checkpoint
 from jssa_gym.train.checkpoint import MANIFEST
 
 _REPLAY = {"width": 16, "learning_starts": 40, "buffer_size": 200, "batch_size": 32}
@@ -16,6 +16,8 @@ SETTINGS = {
     "sac": SAC(**_REPLAY),
     "td3": TD3(**_REPLAY),
     "tqc": TQC(**_REPLAY),
+    "ppo-lagrangian": PPOLagrangian(width=16, rollout=64, batch_size=32, n_epochs=2, cost_limit=1e-4),
+    "sac-lagrangian": SACLagrangian(**_REPLAY, cost_limit=1e-4),
 }
 """Networks and buffers of a few numbers; the buffer runs over."""
 
@@ -40,7 +42,10 @@ def newest(folder):
 def results(folder) -> dict:
     """Everything that a training left and that no clock has a part in."""
     manifest = json.loads((newest(folder) / "manifest.json").read_text())
-    history = [{k: v for k, v in leg.items() if k != "seconds"} for leg in manifest["data"]["history"]]
+    history = [
+        {k: v for k, v in leg.items() if k not in ("seconds", "processor_seconds")}
+        for leg in manifest["data"]["history"]
+    ]
     policies = {
         name: {key: array.tobytes() for key, array in weights(folder / name).items()}
         for name in ("best.npz", "last.npz")

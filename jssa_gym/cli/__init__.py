@@ -13,8 +13,11 @@ from jssa_gym.cli.audit import AuditLog
 from jssa_gym.cli.bench import Bench
 from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.compare import Compare
+from jssa_gym.cli.curves import Curves
+from jssa_gym.cli.dataset import DatasetCommand
 from jssa_gym.cli.demo import Demo
 from jssa_gym.cli.evaluate import Evaluate
+from jssa_gym.cli.leaderboard import LeaderboardCommand
 from jssa_gym.cli.recording import RecordingCommand
 from jssa_gym.cli.replay import Replay
 from jssa_gym.cli.reproduce import Reproduce
@@ -41,7 +44,10 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "stress": Stress,
     "evaluate": Evaluate,
     "compare": Compare,
+    "leaderboard": LeaderboardCommand,
     "train": Train,
+    "dataset": DatasetCommand,
+    "curves": Curves,
     "recording": RecordingCommand,
     "replay": Replay,
     "reproduce": Reproduce,

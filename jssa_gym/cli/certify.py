@@ -139,7 +139,8 @@ class Certify:
             console.say(f"stopped; the same command goes on from the counts in {self.out}")
             raise SystemExit(130) from None
         written = [self.out / "certificate.json"]
-        write_json(written[0], found.plain())
+        plain = found.plain() | _what_is_uncovered(robot)
+        write_json(written[0], plain)
         for link in found.links:
             path = self.out / f"counterexample-{file_name(link.capsule)}.npz"
             path.unlink(missing_ok=True)
@@ -147,7 +148,7 @@ class Certify:
                 save_counterexample(path, robot, index, link.worst, dt=found.dt, viable=domain.viable)
                 written.append(path)
         if self.json:
-            print(json.dumps(found.plain(), indent=2))
+            print(json.dumps(plain, indent=2))
         else:
             _say_what_is_uncovered(robot)
             _show(found, self.search)
@@ -181,12 +182,13 @@ class Certify:
                 jobs=self.workers.chosen(),
                 progress=done,
             )
-        write_json(self.out / "map.json", swept.plain())
+        plain = swept.plain() | _what_is_uncovered(robot)
+        write_json(self.out / "map.json", plain)
         marked = {"asked about": (self.lambda1, self.lambda2), "the paper's": (PUBLISHED.lambda1, PUBLISHED.lambda2)}
         figure = plots.lambda_map(swept, marked)
         write_figure(self.out / "map.png", figure)
         if self.json:
-            print(json.dumps(swept.plain(), indent=2))
+            print(json.dumps(plain, indent=2))
         else:
             _say_what_is_uncovered(robot)
             _show_map(swept)
@@ -223,6 +225,10 @@ def _progress(console: Terminal, unit: str) -> Generator[Progress]:
     columns: tuple[Any, ...] = (TextColumn(unit), BarColumn(), MofNCompleteColumn())
     with Bar(console, *columns, TimeElapsedColumn(), TimeRemainingColumn()) as progress:
         yield progress
+
+
+def _what_is_uncovered(robot: RobotModel) -> dict[str, list[str]]:
+    return {"uncovered": list(robot.uncovered)} if robot.uncovered else {}
 
 
 def _say_what_is_uncovered(robot: RobotModel) -> None:

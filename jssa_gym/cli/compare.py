@@ -11,7 +11,7 @@ from rich.table import Table
 
 from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.engine import Engine
-from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
+from jssa_gym.cli.evaluate import Separation, Trained, find_policies_here, play, ticks, warn
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import MOVING
@@ -55,6 +55,7 @@ class Compare:
     sensor: Annotated[str, SENSOR] = NO_SENSOR
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
+    trained: Annotated[Trained, tyro.conf.arg(name="")] = field(default_factory=Trained)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
@@ -77,12 +78,14 @@ class Compare:
             robot=self.robot,
             pair_policies=self.pair_policies,
             sensor=self.sensor,
+            trained=self.trained.told(),
         )
         reports = play(study, self.out, self.workers.chosen(), self.keep)
         ranked = standings(reports)
         write_page(self.out / "report.html", study, reports, self._command())
         if self.json:
-            print(json.dumps([_plain(one) for one in ranked], indent=2, allow_nan=False))
+            promise = {"uncovered": list(reports[0].uncovered)} if reports[0].uncovered else {}
+            print(json.dumps([_plain(one) | promise for one in ranked], indent=2, allow_nan=False))
         else:
             if reports[0].uncovered:
                 Terminal().say(unpromised(reports[0].uncovered))
@@ -107,6 +110,10 @@ class Compare:
             parts += ["--robot", self.robot]
         if self.sensor != NO_SENSOR:
             parts += ["--sensor", self.sensor]
+        if self.trained.ticks != 1:
+            parts += ["--ticks", str(self.trained.ticks)]
+        if self.trained.normalise is not None:
+            parts += ["--normalise", str(self.trained.normalise)]
         parts += [f"--{name.replace('_', '-')}" for name in ("pair_policies", "trust_pickle") if getattr(self, name)]
         return shlex.join(parts)
 

@@ -21,11 +21,12 @@ from jssa_gym.evaluation.cluster import Cluster
 from jssa_gym.evaluation.contenders import NO_SENSOR
 from jssa_gym.evaluation.ledger import CONFIG
 from jssa_gym.evaluation.metrics import SeparationParams
+from jssa_gym.evaluation.policy import AsTrained
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.slowdown import slowdown
 from jssa_gym.evaluation.statistics import short
-from jssa_gym.evaluation.study import Study
+from jssa_gym.evaluation.study import Evaluation, Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.robots.model import unpromised
@@ -53,7 +54,7 @@ def find_policies_here(policies: Iterable[str]) -> None:
         sys.path.append(here)
 
 
-def play(study: Study, out: Path, jobs: int | Cluster, keep: int) -> list[Report]:
+def play(study: Evaluation, out: Path, jobs: int | Cluster, keep: int) -> list[Report]:
     """Play what is left of a study under a progress bar; an interrupt says how to go on."""
     own_folder(out, CONFIG)
     with episodes_bar(Terminal(stderr=True), out) as show:
@@ -76,6 +77,20 @@ class Separation:
     def params(self) -> SeparationParams:
         """The parameters of an evaluation."""
         return SeparationParams(self.separation_speed, self.reaction_time, self.intrusion, self.uncertainty)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """How a trained policy was trained."""
+
+    ticks: int = 1
+    """For how many ticks a trained policy's action holds, as in the ActionRepeat of its training."""
+    normalise: Path | None = None
+    """File of VecNormalize.save, whose statistics a trained policy's observations are normalised with."""
+
+    def told(self) -> AsTrained:
+        """As evaluations have it."""
+        return AsTrained(self.ticks, None if self.normalise is None else str(self.normalise))
 
 
 @dataclass(frozen=True)
@@ -109,6 +124,7 @@ class Evaluate:
     sensor: Annotated[str, SENSOR] = NO_SENSOR
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
+    trained: Annotated[Trained, tyro.conf.arg(name="")] = field(default_factory=Trained)
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
@@ -130,6 +146,7 @@ class Evaluate:
             trust_pickle=self.trust_pickle,
             robot=self.robot,
             sensor=self.sensor,
+            trained=self.trained.told(),
         )
         (report,) = play(study, self.out, self.workers.chosen(), self.keep)
         lost = None

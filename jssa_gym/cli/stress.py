@@ -55,7 +55,7 @@ class Stress:
     """Of every combination."""
     out: Path = Path("stress")
     """Folder for the results; a campaign that is there already is continued."""
-    task: Literal["home", "reach", "track", "handover"] = "home"
+    task: Literal["home", "reach", "track", "handover", "deliver"] = "home"
     """Task of the environment."""
     robot: Annotated[str, ROBOT] = DEFAULT
     seconds: float = 8.0

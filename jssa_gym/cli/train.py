@@ -3,6 +3,7 @@
 import json
 import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +13,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.table import Table
 
 from jssa_gym import plots
-from jssa_gym.cli.files import writable_folder, write_json
+from jssa_gym.cli.engine import Engine
+from jssa_gym.cli.files import writable_folder
 from jssa_gym.cli.film import EVERY, film, require_film
 from jssa_gym.cli.names import ROBOT
 from jssa_gym.cli.progress import Bar
@@ -27,6 +29,7 @@ from jssa_gym.train.config import EVALUATION_SEED, Control, LearnFrom, TrainConf
 from jssa_gym.train.environment import control_env
 from jssa_gym.train.history import Leg, as_rows
 from jssa_gym.train.settings import Algorithm
+from jssa_gym.train.sweep import SeedOutcome
 from jssa_gym.validation import positive_integer
 
 _AS_TUNED = (
@@ -34,6 +37,9 @@ _AS_TUNED = (
     *("steps", "envs", "interval", "eval_episodes"),
 )
 """Options without which the tuned training's value stays."""
+
+_KEPT = ("checkpoints", "history.csv", "tensorboard")
+"""What tells a training's folder."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,7 @@ class Train:
     """
 
     task: str = "reach"
-    """Task of the environment: home, reach, track or handover."""
+    """Task of the environment: home, reach, track, handover or deliver."""
     algorithm: Algorithm | None = None
     """Of Stable-Baselines3; tqc of sb3-contrib; None: the one that was tuned for the task, else ppo."""
     out: Path = Path("training")
@@ -74,6 +80,10 @@ class Train:
     """Policy steps; None: as tuned."""
     seed: int = 0
     """Of everything that is drawn."""
+    seeds: int | None = None
+    """Train so many times, with the seeds from --seed on, in seed-0, seed-1 and so on below --out; `jssa-gym curves`
+    puts them together. A seed that fails is told of, and the others go on."""
+    workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
     envs: int | None = None
     """Environments that are stepped together; None: as tuned."""
     processes: bool = False
@@ -123,6 +133,11 @@ class Train:
         """Train, print, film."""
         config = self.config()
         positive_integer("threads", self.threads)
+        if self.seeds is None and self.workers != Engine():
+            raise ParameterError("--jobs, --engine and --address are for several trainings: give --seeds as well")
+        if self.seeds is not None:
+            self._several(config, positive_integer("seeds", self.seeds))
+            return
         if self.video:
             require_film()  # better now than after hours
         from jssa_gym.train import train  # torch: not for --help; says what is missing
@@ -130,7 +145,7 @@ class Train:
         import torch  # isort: skip
 
         torch.set_num_threads(self.threads)
-        writable_folder(self.out, "checkpoints", "history.csv", "tensorboard")
+        writable_folder(self.out, *_KEPT)
         console = Terminal(stderr=True)
         columns: tuple[Any, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
         with Bar(console, *columns, TimeElapsedColumn(), TimeRemainingColumn()) as progress:
@@ -146,7 +161,6 @@ class Train:
             except KeyboardInterrupt:
                 console.say(f"stopped; the same command goes on from the last checkpoint in {self.out}")
                 raise SystemExit(130) from None
-        write_json(self.out / "training.json", {"training": config.as_dict(), "history": as_rows(training.history)})
         if self.json:
             print(json.dumps({"training": config.as_dict(), "history": as_rows(training.history)}, allow_nan=False))
         else:
@@ -163,11 +177,63 @@ class Train:
         if self.video:
             self._film(training.policy, config)
 
+    def _several(self, config: TrainConfig, count: int) -> None:
+        """Train with several seeds, and print what each has come to."""
+        jobs = self.workers.chosen()
+        seeds = range(config.seed, config.seed + count)
+        replace(config, seed=seeds[-1])  # is one, too
+        from jssa_gym.train import train_seeds
+
+        import torch  # isort: skip
+
+        torch.set_num_threads(self.threads)
+        writable_folder(self.out, "seed-*")
+        command = shlex.join(["jssa-gym", *sys.argv[1:]])
+        try:
+            outcomes = train_seeds(config, seeds, self.out, jobs, say=_say, command=command)
+        except KeyboardInterrupt:
+            _say(f"stopped; the same command goes on from the last checkpoints in {self.out}")
+            raise SystemExit(130) from None
+        if self.json:
+            print(json.dumps([_plain(one) for one in outcomes], allow_nan=False))
+        else:
+            _show_seeds(outcomes)
+        if any(one.error for one in outcomes):
+            raise SystemExit(1)
+
     def _film(self, policy: LearnedPolicy, config: TrainConfig) -> None:
         """The best policy's first episode of the evaluations."""
         trace = rollout(control_env(config, ("success",)), policy, seed=EVALUATION_SEED)
         frames = film([trace], make_robot(config.robot).mounted(trace.mount), d_min=trace.d_min)
         plots.write_film(self.out / "best.mp4", frames, rate=round(1.0 / (trace.dt * EVERY)))
+
+
+def _say(line: str) -> None:
+    """A line of whoever trains, in a process of its own maybe."""
+    Terminal(stderr=True).say(line)
+
+
+def _plain(one: SeedOutcome) -> dict[str, Any]:
+    return {"seed": one.seed, "folder": str(one.folder), "error": one.error, "history": as_rows(one.history)}
+
+
+def _show_seeds(outcomes: Sequence[SeedOutcome]) -> None:
+    table = Table(title="at the end of every training")
+    for title in ("seed", "steps", "episodes", "moving contacts", "eval: success", "safe", "moving", "failed"):
+        table.add_column(title, justify="left" if title == "failed" else "right")
+    for one in outcomes:
+        if not one.history:
+            table.add_row(str(one.seed), *("–",) * 6, one.error)
+            continue
+        last = one.history[-1]
+        episodes, contacts = (
+            sum(getattr(leg, name) for leg in one.history) for name in ("episodes", "moving_contacts")
+        )
+        shares = (f"{last.eval_success:.0%}", f"{last.eval_safe:.0%}", f"{last.eval_moving_contacts}")
+        table.add_row(str(one.seed), f"{last.steps:,}", f"{episodes:,}", f"{contacts:,}", *shares, "")
+    shown = Terminal(width=120)
+    shown.print(table)
+    shown.say(shlex.join(["jssa-gym", "curves", str(outcomes[0].folder.parent)]))
 
 
 def _show(history: tuple[Leg, ...]) -> None:

@@ -5,11 +5,11 @@ from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import UnreachableError
 from jssa_gym.kernels.chain import forward, jacobian, tool_motion
+from jssa_gym.kernels.postures import smallest_gap, stays_clear
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.postures import clearances, farther_than_stretched
-from jssa_gym.safety.proximity import measure
-from jssa_gym.types import Array, CapsuleSet, JointState, Planes
+from jssa_gym.safety.postures import clearances, farther_than_stretched, standing
+from jssa_gym.types import Array, CapsuleSet, Planes
 from jssa_gym.validation import real_array
 
 PRECISION = 1e-5
@@ -77,11 +77,10 @@ def descend(robot: RobotModel, point: Array, seed: Array, near: Array, margin: f
 def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, clear: float) -> bool:
     """Whether the straight way in joint space, every 0.02 rad of it, stays clear or comes no closer than it starts."""
     count = max(2, int(np.ceil(np.abs(goal - start).max() / _EVERY)) + 1)
-    least = min(clear, *clearances(robot, start, planes))
-    return all(
-        min(clearances(robot, start + share * (goal - start), planes)) >= least
-        for share in np.linspace(1.0, 0.0, count)[:-1]
-    )
+    around = standing(robot, planes)
+    least = min(clear, smallest_gap(around, np.array(start, float)))
+    ways = [start + share * (goal - start) for share in np.linspace(1.0, 0.0, count)[-2::-1]]
+    return stays_clear(around, np.array(ways), least)
 
 
 def path_is_clear(robot: RobotModel, positions: Array, planes: Planes, static: CapsuleSet, clear: float) -> bool:
@@ -94,17 +93,12 @@ def path_is_clear(robot: RobotModel, positions: Array, planes: Planes, static: C
         static: Capsules that stand still.
         clear: Distance to all of them [m].
     """
-    zero = np.zeros(robot.n)
-
-    def gap(position: Array) -> float:
-        near = measure(robot, JointState(position, zero, zero), static, planes)
-        return min(near.smallest, float(near.planes.min(initial=np.inf)), float(near.own.min(initial=np.inf)))
-
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(positions, axis=0)).max(axis=1))])
     at = np.linspace(0.0, way[-1], int(np.ceil(way[-1] / _EVERY)) + 1)
     postures = np.array([np.interp(at, way, joint) for joint in positions.T]).T
-    least = min(clear, gap(positions[0]))
-    return all(gap(posture) >= least for posture in postures[::-1])
+    around = standing(robot, planes, static)
+    least = min(clear, smallest_gap(around, np.array(positions[0])))
+    return stays_clear(around, np.ascontiguousarray(postures), least)
 
 
 def postures_for(

@@ -16,10 +16,11 @@ from jssa_gym.control.plan import Plan
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.robots import JointLimits
+from jssa_gym.tick import play
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import positive_integer, positive_number
 
-DISTURBED = np.array([[1e-5], [1e-5], [1e-3]])
+DISTURBED = np.array(play.DISTURBED)[:, None]
 """Deviation from the commanded state that means interference [rad, rad/s, rad/s²]; float32 actions make less."""
 
 

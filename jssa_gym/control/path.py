@@ -4,34 +4,21 @@ import numpy as np
 
 from jssa_gym.control.plan import Plan
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.override import along, propose
+from jssa_gym.kernels import pacing
+from jssa_gym.kernels.override import along
+from jssa_gym.kernels.pacing import FAR, FAST, FASTER, HARD_PULLED, SLOWER, Paced, pace_of, paced
 from jssa_gym.kernels.rest import REST_JOINTS
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array
 from jssa_gym.validation import number_within
 
-FULL_PACE = 0.1
-"""Margin from which on the full pace is asked for; nothing at margin 0, and proportional between [m]."""
+__all__ = ["ASTRAY", "FASTER", "HURRY", "SLOWER", "PacedPath", "pace_of"]
 
-SLOWER, FASTER = 6.0, 2.0
-"""How fast the pace that is asked for may fall and rise [1/s]."""
-
-GENTLE, HARD, HARDEST = (5.0, 25.0), (8.0, 60.0), (30.0, 600.0)
-"""What acceleration and jerk of the pace may not exceed [1/s, 1/s²], where the joints' limits let them get so far."""
-
-PACES = (0.6, 0.3, 0.0)
-"""Paces that are offered beside the one that is asked for where it is faster."""
-
-ASTRAY = np.array([[1e-3], [1e-2], [0.3]])
+ASTRAY = np.array([[FAR], [FAST], [HARD_PULLED]])
 """Deviation from the path that is left to feedback [rad, rad/s, rad/s²]; what is farther off was thrown off."""
 
 HURRY = 1.12
 """Pace at most while a schedule is behind; of plans within 0.7 of the jerk limits it needs 0.98."""
-
-
-def pace_of(margin: float) -> float:
-    """The pace that a margin [m] asks for, in [0, 1]; 0 where it is no number."""
-    return min(max(margin / FULL_PACE, 0.0), 1.0) if margin > 0.0 else 0.0  # NaN is not
 
 
 class PacedPath:
@@ -61,24 +48,16 @@ class PacedPath:
         if plan.states.shape[2] != n:
             raise ParameterError(f"the plan is for {plan.states.shape[2]} joints, the limits are for {n}")
         self.plan, self._played = plan, (plan.jerk, plan.states, plan.dt)
-        self._override = number_within("pace", pace, 0.0, HURRY)
         self._bounds = limits.bounds()
         self._limits, self._schedule = limits, schedule
-        self._fastest = self._most(limits) if schedule else 1.0
+        self.paced: Paced = paced(1, n)
+        """What is remembered of its pace, of an arm by itself."""
+        kept = self.paced.kept
+        kept["override"] = kept["asked"] = override = number_within("pace", pace, 0.0, HURRY)
+        kept["fastest"] = self._most(limits) if schedule else 1.0
         begun = bool(np.any(np.abs(plan.states[0, 1:]) > REST_JOINTS))
         # a plan from rest can begin at any pace, as nothing moves yet
-        self._pace = np.array([0.0, 1.0 if begun else min(self._override, 1.0), 0.0])
-        self._behind = 0.0
-        self._asked = self._override
-        self.margin = np.inf
-        """The margin that the last alternatives were for [m]."""
-        self._wishes = np.array(
-            [(0.0, *GENTLE)] + [(pace, *GENTLE) for pace in PACES] + [(0.0, *HARD), (0.0, *HARDEST), (1.0, *GENTLE)]
-        )
-        m = len(self._wishes)
-        self._offered = np.zeros((m, n)), np.zeros((m, 3)), np.zeros(m, np.int64)
-        self._count = 0
-        self._point = np.zeros((2, 4, n))
+        self.paced.pace[0, 1] = 1.0 if begun else min(override, 1.0)
 
     def _most(self, limits: JointLimits) -> float:
         """The fastest pace that all of the plan can be played at within the limits."""
@@ -94,26 +73,32 @@ class PacedPath:
 
     def onto(self, plan: Plan, played: int) -> "PacedPath":
         """The same motion on a plan that is this one's from tick ``played`` on, and goes elsewhere later."""
-        path = PacedPath(plan, self._limits, pace=self._override, schedule=self._schedule)
-        path._pace[:] = self._pace
-        path._pace[0] -= played * plan.dt
-        path._behind, path.margin = self._behind, self.margin
+        path = PacedPath(plan, self._limits, pace=self.override, schedule=self._schedule)
+        path.paced.pace[:] = self.paced.pace
+        path.paced.pace[0, 0] -= played * plan.dt
+        for name in ("behind", "margin"):
+            path.paced.kept[name] = self.paced.kept[name]
         return path
 
     @property
     def override(self) -> float:
         """The pace that was asked for last."""
-        return self._override
+        return float(self.paced.kept["override"][0])
+
+    @property
+    def margin(self) -> float:
+        """The margin that the last alternatives were for [m]."""
+        return float(self.paced.kept["margin"][0])
 
     @property
     def pace(self) -> float:
         """The pace at which path time runs."""
-        return float(self._pace[1])
+        return float(self.paced.pace[0, 1])
 
     @property
     def ticks(self) -> int:
         """Ticks of the plan that have been played, whole ones."""
-        return min(int(self._pace[0] / self.plan.dt + 1e-6), len(self.plan))
+        return pacing.ticks_of(self._played, self.paced.pace[0, 0])
 
     @property
     def ended(self) -> bool:
@@ -123,14 +108,14 @@ class PacedPath:
     @property
     def reference(self) -> Array:
         """Where the arm is to be: rows position, velocity, acceleration, shape (3, n)."""
-        point = self._point[0]
-        s, rate, acceleration = self._pace
+        point = self.paced.point[0]
+        s, rate, acceleration = self.paced.pace[0]
         along(self._played, s, point)
         return np.array([point[0], point[1] * rate, point[2] * rate**2 + point[1] * acceleration])
 
     def astray(self, state: Array) -> bool:
         """Whether a joint state (3, n) is off the path by more than feedback is for; one that is not finite is."""
-        return not bool(np.all(np.abs(state - self.reference) <= ASTRAY))
+        return pacing.astray(self._played, self.paced, np.ascontiguousarray(state, float), 0)
 
     def alternatives(self, state: Array, margin: float) -> Array:
         """Jerks for this tick in order of preference.
@@ -142,34 +127,10 @@ class PacedPath:
         Returns:
             Shape (a, n) [rad/s³], a <= 8; none where the arm is off the path, or limits let it keep none.
         """
-        self.margin, self._count = float(margin), 0
-        self._asked = self._slewed(self.margin)
-        wishes = self._wishes
-        wishes[0, 0] = self._asked
-        wishes[1:4, 0] = np.minimum(PACES, self._asked)
-        if not self.astray(state):
-            now = np.ascontiguousarray(state, float)
-            self._count = propose(self._played, self._pace, wishes, now, self._bounds, self._point, self._offered)
-        return self._offered[0][: self._count].copy()
+        now, most = np.ascontiguousarray(state, float), self.paced.jerks.shape[1]
+        count = pacing.offer(self._played, self.paced, now, float(margin), self._bounds, most, 0)
+        return self.paced.jerks[0, : max(count, 0)].copy()
 
     def took(self, choice: int) -> None:
         """The decision on the last alternatives: the number of the one that was applied, -1 for none of them."""
-        self._override = self._asked
-        if not 0 <= choice < self._count:
-            self._count = 0
-            self._behind += self.plan.dt
-            return
-        before = self._pace[0]
-        self._pace[:] = self._offered[1][choice]
-        end = self.plan.duration
-        self._behind = max(self._behind + self.plan.dt - (self._pace[0] - before), 0.0)
-        self._pace[0] = min(self._pace[0], end)
-        # what it was on the way to was seen to be within the limits: offered again, it still is
-        self._wishes[-1] = self._wishes[self._offered[2][choice]]
-        self._count = 0
-
-    def _slewed(self, margin: float) -> float:
-        """The pace that a margin asks for, as fast as it may change."""
-        most = self._fastest if self._behind > self.plan.dt else 1.0
-        dt = self.plan.dt
-        return min(max(most * pace_of(margin), self._override - SLOWER * dt), self._override + FASTER * dt)
+        pacing.go_on(self._played, self.paced, choice, 0)

@@ -1,13 +1,19 @@
 """Commands of many arms at once."""
 
+from typing import Any, ClassVar, Literal
+
 import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
 
 from jssa_gym.control.commands import TIP_SPEED, Commands
+from jssa_gym.exceptions import InterfaceError, InvalidActionError
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.tick.moves import look_at_tools
 from jssa_gym.types import Array, JointState
-from jssa_gym.vectors import Mask
+from jssa_gym.vectors import Infos, Mask
 
 
 class VectorResolvedRates:
@@ -81,3 +87,45 @@ class VectorCommands:
             jerk = self._one.jerk(states, clipped)
         jerk[~sound] = np.nan
         return jerk
+
+
+class VectorJPCAction(VectorWrapper):
+    """Lets an agent command positions or velocities of many arms, as :class:`~jssa_gym.JPCAction` around each would.
+
+    It goes *outside* the shield, and inside of what repeats actions.
+
+    Args:
+        env: A :class:`~jssa_gym.VectorArmEnv`, shielded or not.
+        mode, share: As of :class:`~jssa_gym.JPCAction`.
+
+    Raises:
+        InterfaceError: It is another vector.
+        ParameterError: ``mode`` is unknown or ``share`` out of range.
+    """
+
+    outside_shield: ClassVar[bool] = True
+    """Shields refuse to go around it."""
+
+    def __init__(
+        self, env: VectorEnv, *, mode: Literal["position", "velocity", "tip"] = "position", share: float = 0.5
+    ) -> None:
+        super().__init__(env)
+        self._arms: Any = env.unwrapped
+        if missing := [name for name in ("robot", "state") if not hasattr(self._arms, name)]:
+            raise InterfaceError(f"{env} has no {', '.join(missing)}: take a VectorArmEnv")
+        self._commands = VectorCommands(self._arms.robot, mode, share)
+        self.single_action_space = Box(-1.0, 1.0, (self._commands.size,), np.float32)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, Infos]:
+        """Step the environments with the jerks towards commands, shape (E, size).
+
+        Raises:
+            InvalidActionError: They are no array of that shape of real numbers, or not finite without a shield.
+        """
+        commands, shape = np.asarray(actions), (self.num_envs, self._commands.size)
+        if commands.dtype.kind not in "fiu" or commands.shape != shape:
+            raise InvalidActionError(
+                f"commands are real numbers of shape {shape}, got shape {commands.shape} of type {commands.dtype}"
+            )
+        return self.env.step(self._commands.jerk(self._arms.state, commands.astype(np.float64)))

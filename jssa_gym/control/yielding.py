@@ -8,9 +8,10 @@ from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan
 from jssa_gym.control.rejoin import Clear, Route, rejoin
 from jssa_gym.robots import JointLimits
+from jssa_gym.tick import play
 from jssa_gym.types import Array, JointState
 
-_ARRIVED = np.array([[1e-7], [1e-6], [1e-5]])
+_ARRIVED = np.array(play.ARRIVED)[:, None]
 """Distance from the end of a path, and what is left of the motion there, from which on the arm is brought to rest."""
 
 _SLOW = 0.3

@@ -11,7 +11,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from jssa_gym.envs.drawing import Marks, goal_points
-from jssa_gym.envs.observation import Observation, arm_features
+from jssa_gym.envs.goals import GOAL_TERMS, Goals
+from jssa_gym.envs.observation import MOST_PEOPLE, Observation, arm_features, bodies, body_features
 from jssa_gym.envs.options import check_arguments, checked_options, checked_step
 from jssa_gym.envs.surroundings import Closest, Surroundings
 from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Progress, Task, make_task
@@ -20,6 +21,7 @@ from jssa_gym.envs.world import SCENES, World, planes_of
 from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.headless import has_display
 from jssa_gym.humans import Given, make_human, nobody
+from jssa_gym.humans.body import PARTS as BODY
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
 from jssa_gym.robots import RobotModel, make_robot
@@ -41,7 +43,7 @@ START_CLEARANCE = 0.1
 """Smallest robot-human distance that an episode starts with [m]."""
 
 
-class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
     """An arm driven by joint jerk beside moving people, 125 Hz unless ``dt`` says otherwise.
 
     The joint state follows the paper's Eq. (1) exactly, jerk held over each step of 0.008 s. With
@@ -65,7 +67,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         27-29   human_velocity   [-3, 3]      its velocity [m/s]
         30-35   human_distance   [-0.5, 2]    surface distance of each body part to the arm [m]
 
-    then the task's goal. Without a human the human's entries are at their upper bounds, the velocity 0.
+    then the task's goal. Without a human the human's entries are at their upper bounds, the velocity 0. With
+    ``observation="full"`` all body parts of up to three people stand before the task's part, starts, ends, their
+    velocities and whether they are there. With ``observation="goal"`` it is a dictionary of ``observation``, which is
+    without the task's part, ``achieved_goal`` and ``desired_goal``; the reward is then −1 in every step in which these
+    are farther apart than the task's tolerance, beside the terms that all tasks have: ``compute_reward`` makes it for
+    other goals.
 
     **Tasks**, with the goal's observation and the reward's terms:
 
@@ -123,6 +130,23 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
           -0.50 · closeness  1 if the smallest distance is below d_min, else 0
           -5.00 · contact    1 in a contact with the arm moving, else 0
 
+    **deliver** (default human: ``random``). Fetch at one place and bring to another, twice: the tool centre point
+    within 0.02 m of the place that is next, slower than 0.05 m/s, for 0.1 s, four legs in all. info: deliver/legs,
+    deliver/deliveries, deliver/per_minute (until the last delivery).
+
+    ::
+
+        36-38   goal             [-2, 2]      next place minus tool centre point, world axes [m]
+        39-41   other            [-2, 2]      the other place minus tool centre point, world axes [m]
+        42      done             [0, 1]       share of the legs done
+        43      stay             [0, 1]       time at the next place, at rest / time asked for
+          -1.00 · deliver    way that is left: to the next place, and the legs after it [m]
+          -1.00 · near       tanh(distance to the next place / 0.1 m) + number of legs after it
+         +10.00 · success    1 on success, else 0
+          -0.01 · effort     mean squared action
+          -0.50 · closeness  1 if the smallest distance is below d_min, else 0
+          -5.00 · contact    1 in a contact with the arm moving, else 0
+
     **Termination**: what ``terminate_on`` names: ``success``, ``contact``, ``moving_contact`` (the robot's touching
     point faster than 1e-3 m/s) or ``limit_violation``; the default is success and moving contact. A contact with the
     arm at rest never ends an episode by default. **Truncation**: after 1,000 steps (8 s), by ``TimeLimit``; another
@@ -138,7 +162,8 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     what the task says; with a robot that leaves links without capsules ``uncovered`` (their joints' names) too.
 
     Args:
-        task: ``"home"``, ``"reach"``, ``"track"``, ``"handover"`` or a :class:`~jssa_gym.envs.tasks.Task`.
+        task: ``"home"``, ``"reach"``, ``"track"``, ``"handover"``, ``"deliver"`` or a
+            :class:`~jssa_gym.envs.tasks.Task`.
         human: A name in :data:`jssa_gym.humans.HUMANS`, a file of a recording or of motion capture (``.npz``, ``.csv``,
             ``.bvh``), a motion, or several of them; None for the task's default.
         dynamics: ``"kinematic"`` or ``"servo"``.
@@ -149,6 +174,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         d_min: Distance below which ``cost`` is 1 [m].
         dt: Control step [s], from 0.001 to 0.02; whole milliseconds with ``dynamics="servo"``. All durations of tasks
             and people stay what they are in seconds.
+        observation: ``"closest"``, ``"full"`` or ``"goal"``; see above.
         render_mode: ``"rgb_array"``, ``"human"`` (a window, where there is a display; it keeps to real time) or None.
         width, height: Size of pictures [pixels].
 
@@ -175,11 +201,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         terminate_on: Sequence[str] = ("success", "moving_contact"),
         d_min: float = 0.05,
         dt: float = DT,
+        observation: Literal["closest", "full", "goal"] = "closest",
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
     ) -> None:
-        size = check_arguments(dynamics, terminate_on, render_mode, width, height)
+        size = check_arguments(dynamics, terminate_on, observation, render_mode, width, height)
         self.dt = checked_step(dt, dynamics)
         announce_compilation(move)
         self.planes = planes_of(scene)
@@ -200,7 +227,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.metadata = {**self.metadata, "render_modes": modes}
         if self.dt != DT:
             self.metadata = {**self.metadata, "render_fps": round(1.0 / self.dt)}
-        self.dynamics = dynamics
+        self.dynamics, self.observation = dynamics, observation
         self.terminate_on = tuple(terminate_on)
         self._scene_name, self._size = scene, size
         self._world: World | None = None
@@ -214,16 +241,30 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         # the people as they would begin some episode: how many capsules there are, and whether the goal is among them
         rehearsal = make_human(self.human).reset(np.random.default_rng(0))
         self.task.follow(np.zeros(0), rehearsal)
-        parts = len(rehearsal.radius) // max(self.human.people, 1)
+        comes = self.human.names
+        parts = len(rehearsal.radius) // max(self.human.people, 1) if comes is None else len(comes)
+        if observation == "full":
+            parts = parts or len(BODY)  # what is observed does not depend on how many there are
         self._around = Surroundings(self.robot, parts)
         self._static = nobody()
-        self._observation = Observation((*arm_features(self.robot, max(parts, 1)), *self.task.features(self.robot)))
+        self._parts = parts if observation == "full" else 0
+        if self._parts and max(len(rehearsal.radius) // parts, self.human.people) > MOST_PEOPLE:
+            raise ParameterError(
+                f"observation='full' has room for {MOST_PEOPLE} people, here are {self.human.people}: take 'closest'"
+            )
+        self._goals = Goals(self.task, self.robot) if observation == "goal" else None
+        seen = (*arm_features(self.robot, max(parts, 1)), *(body_features(self._parts) if self._parts else ()))
+        self._observation = Observation(seen if self._goals else (*seen, *self.task.features(self.robot)))
         self._scaling = self._observation.scaling(
             {"position": limits.position.mean(axis=1), "tip": self.robot.mount, "human_point": self.robot.mount}
         )
         self.observation_space: spaces.Space = self._observation.space
+        if self._goals:
+            apart = {"achieved_goal": self._goals.space, "desired_goal": self._goals.space}
+            self.observation_space = spaces.Dict({"observation": self._observation.space, **apart})
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
-        self._terms = tuple((f"reward/{t.name}", t.weight) for t in (*self.task.terms, *COMMON_TERMS))
+        terms = (*(GOAL_TERMS if self._goals else self.task.terms), *COMMON_TERMS)
+        self._terms = tuple((f"reward/{t.name}", t.weight) for t in terms)
         if (count := len(self.task.rewarded(0.0, False))) != len(self.task.terms):
             names = ", ".join(term.name for term in self.task.terms)
             raise ParameterError(f"task {self.task.name!r} has the terms {names}, but rewarded() gives {count} values")
@@ -232,7 +273,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._ends_success = "success" in endings and self.task.ends
         self._ends_contact = "contact" in endings
         self._ends_moving, self._ends_violation = "moving_contact" in endings, "limit_violation" in endings
-        self._hold_steps = self.task.hold_time / self.dt - 1e-9
+        self._hold_steps = max(self.task.hold_time / self.dt, 1.0) - 1e-9
         self._begin(np.array(self.robot.home), np.zeros(0), nobody())
         self._begun = False
 
@@ -276,17 +317,15 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def goal(self) -> Array:
-        """The task's goal at present; a copy."""
-        return self._goal.copy()
+        """The task's goal at present; a copy. Empty before the first ``reset``."""
+        return (self.task.present(self._goal, self._progress) if self._begun else self._goal).copy()
 
     @property
     def robot_capsules(self) -> CapsuleSet:
         """The arm's capsules in the world, with velocities; what reacting people see."""
         return self._around.robot_capsules
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode: the arm at rest at home, a goal and people drawn from the seed.
 
         Args:
@@ -335,7 +374,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._people, self._scene = people, None
         self._around.take(people)
 
-    def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Apply a joint jerk for one control step.
 
         Args:
@@ -394,7 +433,12 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         action = moment.action
         effort = float(action.dot(action)) / len(action)
         common = (effort, info["cost"], 1.0 if moment.moving_contact else 0.0)
-        own = self.task.rewarded(value, success)
+        if self._goals:
+            own = (float(self._goals.missed(*self._pair_of_goals(self._goals))),)
+        elif self._evolves:
+            own = self.task.rewarded_at(self._goal, moment, value, success)
+        else:
+            own = self.task.rewarded(value, success)
         total = 0.0
         for (key, weight), x in zip(self._terms, own + common):  # noqa: B905  # hot path, same length by construction
             info[key] = term = weight * x
@@ -420,13 +464,42 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             info["tracking_error"] = self._actual[0] - self._state[0]
         return info
 
-    def _observed(self, moment: Moment) -> NDArray[np.float32]:
+    def _pair_of_goals(self, goals: Goals) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """What the arm has achieved, and what is desired of it."""
+        achieved = self._around.tip[0] if self.task.space == "tip" else self._actual[0]
+        return goals.told(achieved), goals.told(self.task.desired(self._goal, self._progress))
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """The reward of ``observation="goal"``, for other goals than those that were: Gymnasium-Robotics' convention.
+
+        Args:
+            achieved_goal, desired_goal: As observed, shape (k,), or (N, k) for many at once.
+            info: Of the step, or a sequence of N of them; terms that it lacks count as 0.
+
+        Returns:
+            −1 where they are farther apart than the task's tolerance, else 0, and the common terms of ``info``: exactly
+            what ``step`` has returned for what it has observed. A number, or an array of shape (N,).
+
+        Raises:
+            ParameterError: The environment observes something else.
+        """
+        if self._goals is None:
+            raise ParameterError("compute_reward() is of observation='goal', which this environment was not made with")
+        return self._goals.reward(achieved_goal, desired_goal, info)
+
+    def _observed(self, moment: Moment) -> Any:
         # with servos the policy sees the commanded joints, as the shield does; the tip is the simulated one's
         state, around, out = self._state, self._around, np.empty(self._observation.size, np.float32)
         if self._actual is not state:
             moment = moment._replace(position=state[0])
-        goal = self.task.observe(self._goal, moment)
-        fill_observation(state, around.pointers[1], goal, self._scaling, out)
+        if self._goals:
+            fill_observation(state, around.pointers[1], self._zero, self._scaling, out)
+            achieved, desired = self._pair_of_goals(self._goals)
+            return {"observation": out, "achieved_goal": achieved, "desired_goal": desired}
+        own = self.task.observe(self._goal, moment)
+        if self._parts:
+            own = np.concatenate([bodies(np.array(self._people[:4]), self.robot.mount, self._parts), own])
+        fill_observation(state, around.pointers[1], own, self._scaling, out)
         return out
 
     def render(self) -> Any:
@@ -434,7 +507,7 @@ class ArmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             gym.logger.warn("render() does nothing without a render_mode; pass render_mode='rgb_array'")
             return None
-        goal = goal_points(self.robot, self._goal.ravel(), not self.task.ends)
+        goal = goal_points(self.robot, self.goal.ravel(), not self.task.ends)
         marks = Marks(self._around.line, goal, self._around.touching)
         if self.render_mode == "human":
             return self.world.show(self._actual[0], self._people, marks, self.dt)

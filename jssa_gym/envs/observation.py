@@ -13,6 +13,12 @@ from jssa_gym.robots import RobotModel
 FAR = 2.0
 """Distances and positions beyond this are observed as this [m]."""
 
+OBSERVATIONS = ("closest", "full", "goal")
+"""What can be observed: the closest points of people; all their body parts too; or the closest, and the goal apart."""
+
+MOST_PEOPLE = 3
+"""So many have room in ``"full"``."""
+
 
 @dataclass(frozen=True, slots=True)
 class Feature:
@@ -81,6 +87,40 @@ def arm_features(robot: RobotModel, parts: int) -> tuple[Feature, ...]:
         Feature("human_velocity", 3, (1.0,), -3.0, 3.0, "its velocity [m/s]"),
         Feature("human_distance", parts, (1.0,), -0.5, FAR, "surface distance of each body part to the arm [m]"),
     )
+
+
+def body_features(parts: int) -> tuple[Feature, ...]:
+    """Every body part of up to :data:`MOST_PEOPLE` people, in the order of :func:`bodies`.
+
+    Args:
+        parts: Capsules of each person.
+    """
+    count = MOST_PEOPLE * parts
+    return (
+        Feature("part_start", 3 * count, (1.0,), -FAR, FAR, "start of each body part from the robot's base [m]"),
+        Feature("part_end", 3 * count, (1.0,), -FAR, FAR, "its end"),
+        Feature("part_start_velocity", 3 * count, (1.0,), -3.0, 3.0, "velocity of the start [m/s]"),
+        Feature("part_end_velocity", 3 * count, (1.0,), -3.0, 3.0, "velocity of the end"),
+        Feature("part_there", count, (1.0,), 0.0, 1.0, "1 where there is such a part, else 0, and its numbers 0"),
+    )
+
+
+def bodies(ends: NDArray[np.float64], base: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
+    """Raw values of :func:`body_features`, shape (..., 13 · MOST_PEOPLE · parts).
+
+    Args:
+        ends: Starts, ends and their velocities of everybody's capsules, shape (..., 4, k, 3) [m, m/s].
+        base: Of the robot, shape (3,) [m].
+        parts: Capsules of each person.
+    """
+    *shape, _, there, _ = ends.shape
+    count = MOST_PEOPLE * parts
+    out = np.zeros((*shape, 13 * count))
+    told = out[..., : 12 * count].reshape(*shape, 4, count, 3)
+    told[..., :there, :] = ends
+    told[..., :2, :there, :] -= base
+    out[..., 12 * count : 12 * count + there] = 1.0
+    return out
 
 
 def feature_table(features: Sequence[Feature]) -> str:

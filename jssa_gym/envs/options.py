@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jssa_gym.envs.observation import OBSERVATIONS
 from jssa_gym.envs.tasks import Task
 from jssa_gym.envs.window import check_display
 from jssa_gym.envs.world import SUBSTEP
@@ -24,7 +25,9 @@ OPTIONS = ("joint_position", "goal", "human_start")
 """What ``reset`` may be told."""
 
 
-def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: Any, height: Any) -> tuple[int, int]:
+def check_arguments(
+    dynamics: Any, terminate_on: Any, observation: Any, render_mode: Any, width: Any, height: Any
+) -> tuple[int, int]:
     """Refuse what :class:`~jssa_gym.envs.ArmEnv` cannot be built with.
 
     Returns:
@@ -35,6 +38,7 @@ def check_arguments(dynamics: Any, terminate_on: Any, render_mode: Any, width: A
         DisplayError: A window without a display.
     """
     known_name("dynamics", dynamics, ("kinematic", "servo"))
+    known_name("observation", observation, OBSERVATIONS)
     if isinstance(terminate_on, str) or not isinstance(terminate_on, Sequence):
         raise ParameterError(f"terminate_on has to be a tuple of {', '.join(ENDINGS)}; got {terminate_on!r}")
     for ending in terminate_on:

@@ -7,9 +7,10 @@ import numpy as np
 
 from jssa_gym.validation import positive_integer
 
-_ANY = ("contact", "limit_violation", "success", "is_success", "shield/intervened")
-_REASONS = ("shield/reason", "shield/reason_code")
-_LARGEST = ("contact_speed", "shield/status", "shield/phi", "shield/correction", "shield/slack")
+ANY = ("contact", "limit_violation", "success", "is_success", "shield/intervened")
+REASONS = ("shield/reason", "shield/reason_code")
+LARGEST = ("contact_speed", "shield/status", "shield/phi", "shield/correction", "shield/slack")
+"""Keys of ``info`` of which any tick's counts, that of the worst status, the largest."""
 
 
 class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
@@ -49,14 +50,18 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
         merged = dict(info)
         merged["distance"] = min(i["distance"] for i in seen)
         merged["cost"] = sum(i["cost"] for i in seen)
-        for key in _ANY:
+        for key in ANY:
             if key in info:
                 merged[key] = any(i[key] for i in seen)
-        for key in _LARGEST:
+        for key in LARGEST:
             if key in info:
                 # numpy's maximum is NaN if any tick's is: a fault must not be hidden
                 merged[key] = type(info[key])(np.max([i[key] for i in seen]))
         if "shield/status" in info:
             worst = next(i for i in seen if i["shield/status"] == merged["shield/status"])
-            merged |= {key: worst[key] for key in _REASONS if key in worst}
+            merged |= {key: worst[key] for key in REASONS if key in worst}
         return observation, total, terminated, truncated, merged
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """The environment's own, of ``ticks`` ticks that are all like the last: see ``ArmEnv.compute_reward``."""
+        return self.ticks * self.env.get_wrapper_attr("compute_reward")(achieved_goal, desired_goal, info)

@@ -1,7 +1,7 @@
 """What a perception system makes of people and arm: noise, delay, gaps and lies, between environment and shield."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -13,6 +13,7 @@ from jssa_gym.envs.faults import FAULTS, SensorFaults
 from jssa_gym.envs.keypoint_camera import CAMERAS, CameraSettings, KeypointCamera, directions, in_ball
 from jssa_gym.envs.proprioception import Proprioception
 from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.humans import HumanMotion
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Scene
 from jssa_gym.validation import known_name, number_within, positive_integer
@@ -120,6 +121,11 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, faults=asdict(faults))  # JSON can hold it
         gym.Wrapper.__init__(self, env)
         _refuse_shield(env, type(self))
+        human = vars(env.unwrapped).get("human")
+        if isinstance(human, HumanMotion) and human.names is not None:
+            raise ParameterError(
+                f"{type(human).__name__} come and go; a SensorModel has samples of people who are there throughout"
+            )
         self.faults = faults
         self._direct = faults if isinstance(faults, SensorFaults) else SensorFaults()
         self._camera: KeypointCamera | None = None
@@ -133,6 +139,13 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
             self._joints = Proprioception(faults, robot.limits)
         self._rng: np.random.Generator | None = None
         self._scene: Scene | None = None
+        self.latency_range: tuple[float, float] | None = None
+        """What the latency is drawn from at every reset, instead of the faults' own [s]; None for theirs."""
+
+    @property
+    def latency(self) -> float:
+        """Of this episode [s]."""
+        return self._direct.latency
 
     @property
     def scene(self) -> Scene | None:
@@ -149,6 +162,8 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         """Reset the environment, then the faults; a seed seeds both."""
         result = self.env.reset(seed=seed, options=options)
         self._rng = _stream(self.env, seed, self._rng, PEOPLE)
+        if self.latency_range is not None:
+            self._direct = replace(self._direct, latency=float(self._rng.uniform(*self.latency_range)))
         truth = self.env.get_wrapper_attr("scene")
         self._begin(truth)
         self._scene = self._perceive(truth, self._rng)

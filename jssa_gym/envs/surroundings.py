@@ -10,7 +10,7 @@ from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.proximity import TRUTH, check_capsules
 from jssa_gym.tick.move import MeasuredArm, People, Seen, move
-from jssa_gym.tick.structs import body_pointer, seen_pointer
+from jssa_gym.tick.structs import pointer_to
 from jssa_gym.types import Array, CapsuleSet
 
 _LIMIT_TOLERANCE = 1e-9
@@ -86,7 +86,7 @@ class Surroundings:
     def pointers(self) -> tuple[Any, Any]:
         """Pointers to the arm and to what is seen, for kernels; made anew where a copy needs them first."""
         if self._pointers is None:
-            self._pointers = body_pointer(self._body), seen_pointer(self.seen)
+            self._pointers = pointer_to(self._body), pointer_to(self.seen)
         return self._pointers
 
     def __getstate__(self) -> dict[str, Any]:

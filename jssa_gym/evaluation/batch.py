@@ -50,7 +50,7 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
 
     Returns:
         The vector, or None where something is asked one arm at a time: servos, the projector of OSQP, cameras, sensors
-        without a verified stop behind them, and people, tasks, filters and wrappers of a user's own.
+        that change from episode to episode or have no verified stop behind them, dictionaries, and people, tasks, filters and wrappers of a user's own.
     """
     limits, shield, sensors, one = list[int](), None, list[Any](), cast(Any, env)
     while isinstance(one, gym.Wrapper):
@@ -60,6 +60,8 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
         elif kind in (Shield, JSSAShield):
             shield = one
         elif kind in _SENSORS and not isinstance(getattr(one, "faults", None), CameraSettings):
+            if getattr(one, "latency_range", None) is not None:
+                return None
             sensors.append(one)
         elif kind not in _PASSIVE:
             return None
@@ -78,10 +80,11 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
             terminate_on=one.terminate_on,
             d_min=one.d_min,
             dt=one.dt,
+            observation=one.observation,
             max_episode_steps=min(limits, default=None),
             autoreset_mode=AutoresetMode.DISABLED,
         )
-    except ParameterError:  # people or a task of a user's own
+    except ParameterError:  # dictionaries, people who come and go, or people or a task of a user's own
         return None
     if shield is None:
         return arms

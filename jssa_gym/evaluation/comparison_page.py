@@ -9,6 +9,7 @@ from urllib.parse import quote_from_bytes
 
 import numpy as np
 
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.leaderboard import (
     PAIRED_MEANS,
     PAIRED_RATES,
@@ -92,6 +93,7 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
         tag("h1", "Filters compared"),
         tag("p", f"{episodes} of at most {steps} a combination, first seed {study.seed}. {about}"),
         tag("p", tag("code", command)),
+        note(f"Made with {made_with()}."),
         *([tag("p", f"Of the robot, {told}.")] if (told := unpromised(reports[0].uncovered)) else []),
         note(Markup(_READING)),
         *(part for title, inside in sections.items() for part in (tag("h2", title), *inside)),

@@ -6,16 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.evaluation.counterfactual import along_stop, false_interventions
+from jssa_gym.evaluation.inertia import Inertia
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.capsules import measure_planes, measure_self
 from jssa_gym.kernels.chain import forward, tool_motion
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import plan_stop
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.energy import energy_limit, mass_of
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.proximity import plane_records
 from jssa_gym.tick.course import look_along, place_along
 from jssa_gym.types import Array, Planes, Trace
+
+MOVING_IN = 1e-6
+"""Speed into a person up to which no energy is asked for [m/s]: what is slower is rounding."""
 
 
 class Touches(NamedTuple):
@@ -27,6 +32,8 @@ class Touches(NamedTuple):
     """Speed of the robot's touching point into the person, along the normal, shape (c,) [m/s]."""
     human_approach: Array
     """Speed of the person's touching point into the robot, shape (c,) [m/s]."""
+    energy_ratio: Array
+    """Energy that the arm's own motion along the normal could give the body part, over its indicative limit (c,)."""
 
 
 class Geometry(NamedTuple):
@@ -110,7 +117,7 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
         np.maximum(-_component("tmx,tmkx->tmk", shift[:, 0], shift[:, 1], pairs["s"], normals), 0.0),
         pairs["phi"].max(axis=(1, 2), initial=-np.inf),
         false_interventions(trace, robot, state, bounds, agents, half_spaces),
-        _touches(segments, agents, pairs),
+        _touches(trace, robot, segments, agents, pairs),
     )
 
 
@@ -163,18 +170,49 @@ def _component(axes: str, start: Array, end: Array, share: Array, normals: Array
     return one + share * (other - one)
 
 
-def _touches(segments: NDArray, agents: NDArray, pairs: NDArray) -> Touches:
+def _touches(trace: Trace, robot: RobotModel, segments: NDArray, agents: NDArray, pairs: NDArray) -> Touches:
     step, i, j = np.nonzero(~(pairs["distance"] > 0.0))
     pair, arm, person = pairs[step, i, j], segments[step, i], agents[step, j]
-    normal = _unit(_along(person["start"], person["end"], pair["r"]) - _along(arm["start"], arm["end"], pair["s"]))
+    point = _along(arm["start"], arm["end"], pair["s"])
+    normal = _unit(_along(person["start"], person["end"], pair["r"]) - point)
     # along the normal a surface point moves as the axis point below it does, spinning or not
     velocity = _along(arm["start_velocity"], arm["end_velocity"], pair["s"])
     human_velocity = _along(person["start_velocity"], person["end_velocity"], pair["r"])
     # where the axes cross there is no normal: all of the speed counts
     crossing = ~normal.any(axis=1)
     speed, human_speed = np.linalg.norm(velocity, axis=1), np.linalg.norm(human_velocity, axis=1)
+    approach = np.where(crossing, speed, (velocity * normal).sum(axis=1))
     return Touches(
         step,
-        np.where(crossing, speed, (velocity * normal).sum(axis=1)),
+        approach,
         np.where(crossing, human_speed, -(human_velocity * normal).sum(axis=1)),
+        _energy_ratios(trace, robot, Touching(step, i, j, point, normal, approach)),
     )
+
+
+class Touching(NamedTuple):
+    """c touching pairs: steps, robot and human capsules (c,), points and normals (c, 3), approach (c,) [m, m/s]."""
+
+    step: NDArray[np.int64]
+    robot: NDArray[np.int64]
+    human: NDArray[np.int64]
+    point: Array
+    normal: Array
+    approach: Array
+
+
+def _energy_ratios(trace: Trace, robot: RobotModel, touching: Touching) -> Array:
+    """The energies of :class:`Touches`; without a normal the arm's mass is taken to be without bound."""
+    ratios = np.zeros(len(touching.step))
+    moving = np.flatnonzero(~(touching.approach <= MOVING_IN))
+    if not len(moving):
+        return ratios
+    inertia = Inertia(robot)
+    for c in moving:
+        step, i, j, point, normal, approach = (values[c] for values in touching)
+        part = trace.human_names[j]
+        mass = inertia.mass(trace.position[step], i, point, normal) if normal.any() else np.inf
+        human = mass_of(part)
+        reduced = human / (1.0 + human / mass)
+        ratios[c] = 0.5 * reduced * approach**2 / energy_limit(part)
+    return ratios

@@ -1,8 +1,12 @@
 """What tells things that are evaluated from others, in another process too."""
 
 import hashlib
+import importlib.metadata
 import inspect
+import os
 import pickle
+import platform
+import re
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +59,27 @@ def without_sensor(config: dict[str, Any]) -> dict[str, Any]:
 def code_version() -> dict[str, str]:
     """Which code this is: ``version`` of the package and ``source``, the hash of what decides how an episode goes."""
     return {"version": package_version(), "source": source_hash()}
+
+
+_COUNTED_ON = ("numpy", "numba", "mujoco", "scipy")
+"""Packages whose versions may change what comes out."""
+
+
+def made_with() -> str:
+    """What stands beside a published table: versions, hash of the code, processor and how many of it there are."""
+    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _COUNTED_ON)
+    code = code_version()
+    package = f"jssa_gym {code['version']} (source {code['source']})"
+    return f"{package}, Python {platform.python_version()}, {versions}; {_processor()}, {os.cpu_count()} threads"
+
+
+def _processor() -> str:
+    """Name of the processor, as far as the system tells."""
+    try:
+        found = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), flags=re.MULTILINE)
+    except OSError:
+        found = None
+    return found[1].strip() if found else platform.processor() or platform.machine() or "an unknown processor"
 
 
 def code_digest(thing: Any) -> str:

@@ -18,7 +18,9 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.storage import append_whole, read_text, refused, whole_lines, write_whole
 
 _TELLING = (
+    "board",
     "cli",
+    "datasets",
     "paper",
     "plots",
     "rates.py",
@@ -108,6 +110,10 @@ class Results(Generic[AnyRow]):
         return chunks
 
 
+_OPTIONAL = ("people", "pair_policies", "robot", "sensor", "ticks", "normalise")
+"""What a configuration says only where it is not as it was before there was a choice."""
+
+
 class Ledger(Results[AnyRow]):
     """Configuration and episodes of a campaign in a folder.
 
@@ -142,7 +148,9 @@ class Ledger(Results[AnyRow]):
         if path.exists() and not empty:
             with refused(ParameterError, f"{path} is no campaign's configuration"):
                 known = json.loads(read_text(path, ParameterError))
-                other = [_differs(name, known[name], config[name]) for name in config if known[name] != config[name]]
+                known = dict.fromkeys(_OPTIONAL) | known
+                wanted = dict.fromkeys(_OPTIONAL) | config
+                other = [_differs(name, known[name], wanted[name]) for name in wanted if known[name] != wanted[name]]
             if other:
                 raise ParameterError(
                     f"{self.folder} holds another campaign (other {'; '.join(other)}); choose another folder (--out)"

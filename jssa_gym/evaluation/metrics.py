@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING
-from jssa_gym.envs.tasks import TASKS
+from jssa_gym.envs.tasks import TASKS, Deliver
+from jssa_gym.envs.tasks.deliver import per_minute
 from jssa_gym.evaluation.definitions import About
 from jssa_gym.evaluation.geometry import Geometry
 from jssa_gym.evaluation.motion import jerk_jumps
@@ -67,6 +68,10 @@ class Summary(StepSummary):
         int | None, About("", "Contacts in which the robot's point never moves in over v_safe.")
     ]
     n_collisions_shared_fault: Annotated[int | None, About("", "Contacts in which both move in faster than v_safe.")]
+    energy_ratio: Annotated[
+        float | None,
+        About("", "Largest energy that the arm's own motion gives in a contact, over the part's limit; indicative."),
+    ]
     n_collisions_self: Annotated[int | None, About("", "Contacts of the arm with itself.")]
     n_collisions_static: Annotated[
         int | None, About("", "Contacts of the arm with table or floor; a column that stands on it is none.")
@@ -100,6 +105,9 @@ class Summary(StepSummary):
         About("m", "Mean distance of the tool centre point from its goal; none where that is no point."),
     ]
     tracking_error_end: Annotated[float | None, About("m", "The same at the end of the episode.")]
+    deliveries_per_minute: Annotated[
+        float | None, About("1/min", "Deliveries over time, until the last that is asked for; none of other tasks.")
+    ]
     jerk_rms: Annotated[float, About("jerk bounds", "Root mean square, over steps and joints, of the applied jerk.")]
     jerk_jumps: Annotated[
         float,
@@ -192,6 +200,7 @@ def summarise(
         n_collisions_robot_fault=faults[0],
         n_collisions_human_fault=faults[1],
         n_collisions_shared_fault=faults[2],
+        energy_ratio=float(seen.touches.energy_ratio.max(initial=0.0)) if seen is not None and kinematic else None,
         n_collisions_self=None if seen is None else _events(seen.own, trace.dt),
         n_collisions_static=None if seen is None else _events(seen.planes, trace.dt),
         n_actions_not_finite=int((~np.isfinite(trace.nominal)).any(axis=1).sum()) if len(trace.time) else 0,
@@ -207,6 +216,7 @@ def summarise(
         path_length=None if seen is None else float(np.linalg.norm(np.diff(seen.tip, axis=0), axis=1).sum()),
         tracking_error=_mean(off),
         tracking_error_end=float(off[-1]) if len(off) else None,
+        deliveries_per_minute=_throughput(trace, steps.time_to_goal) if trace.task == Deliver.name else None,
         jerk_rms=float(np.sqrt(np.mean(ratios[2] ** 2))) if len(trace.time) else 0.0,
         jerk_jumps=jumps.applied,
         jerk_jumps_nominal=jumps.nominal,
@@ -226,6 +236,12 @@ def summarise(
         shield_max=quantiles[3],
         deadline_miss_rate=_mean(timed > trace.dt),
     )
+
+
+def _throughput(trace: Trace, finished: float | None) -> float:
+    """Deliveries per minute: a leg is over where the next place becomes the goal, and the last with success."""
+    legs = int(np.diff(trace.goal, axis=0).any(axis=1).sum()) + (finished is not None)
+    return per_minute(legs // 2, len(trace.time) * trace.dt if finished is None else finished)
 
 
 def _steps(trace: Trace) -> Steps:

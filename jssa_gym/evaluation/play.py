@@ -16,6 +16,7 @@ from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.ledger import Chunk
 from jssa_gym.evaluation.people import PEOPLE, known_person
 from jssa_gym.evaluation.plan import AnyRow, EpisodePlan
+from jssa_gym.evaluation.policy import AsTrained
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.evaluation.rollout_vector import rollouts
 from jssa_gym.evaluation.rows import Setting, digest_of, trace_name
@@ -29,7 +30,7 @@ from jssa_gym.robots import DEFAULT, ROBOTS
 from jssa_gym.types import Trace
 from jssa_gym.validation import known_name
 
-_POLICY_SEEDS = 10**9
+POLICY_SEEDS = 10**9
 """Added to an episode's seed: what policy and people draw must have nothing in common."""
 
 
@@ -58,7 +59,7 @@ class Player(Generic[AnyRow]):
     def record(self, seed: int) -> Trace:
         """One episode, recorded."""
         # policies see the truth: what they are told must not depend on the shield's sensor
-        policy = self.plan.make_policy(self.cell, self.env, _POLICY_SEEDS + seed)
+        policy = self.plan.make_policy(self.cell, self.env, POLICY_SEEDS + seed)
         return rollout(self.env, policy, seed=seed, steps=self.plan.steps, name=self._name(seed))
 
     def measure(self, seed: int) -> AnyRow:
@@ -77,7 +78,7 @@ class Player(Generic[AnyRow]):
         plan, cell = self.plan, self.cell
         if len(seeds) < LEAST or (envs := vector_like(self.env, len(seeds))) is None:
             return None
-        draws = [_POLICY_SEEDS + seed for seed in seeds]
+        draws = [POLICY_SEEDS + seed for seed in seeds]
         # made as ever, so that its file is looked at as ever
         policy, named = plan.make_policy(cell, self.env, draws[0]), plan.named_policy(cell)
         together = make_vector_policy(named if isinstance(named, str) and named in POLICIES else policy, envs)
@@ -211,5 +212,15 @@ def played_again(
         raise ParameterError(f"the robot {named!r} is not the package's own; give its file as --robot")
     wanted = named if robot is None else robot
     sensor = str(meta.get("sensor", NO_SENSOR))
-    plan = Study(tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle, robot=wanted, sensor=sensor)
+    plan = Study(
+        tasks, filters, humans, policies, steps=steps, trust_pickle=trust_pickle, robot=wanted, sensor=sensor,
+        trained=_trained(meta),
+    )  # fmt: skip
     return Player(plan, setting).record(seed)
+
+
+def _trained(meta: Mapping[str, Any]) -> AsTrained:
+    """How the policy of a recording was trained; what only the recording names is not read."""
+    if "normalise" in meta:
+        raise ParameterError("the recording's policy had normalised observations: play it by evaluate(normalise=...)")
+    return AsTrained(meta.get("ticks", 1))

@@ -3,7 +3,10 @@
 import hashlib
 import importlib
 import inspect
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -11,11 +14,72 @@ import gymnasium as gym
 from jssa_gym.evaluation.identity import code_digest
 from jssa_gym.exceptions import ParameterError, PolicyFileError
 from jssa_gym.policies import POLICIES, JPCPolicy, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
+from jssa_gym.policies.adapted import HeldPolicy, normalised
 from jssa_gym.policies.model import ModelPolicy
+from jssa_gym.policies.normalisation import read_normalisation
+from jssa_gym.validation import positive_integer
+
+_logger = logging.getLogger("jssa_gym")
+
+
+@dataclass(frozen=True, slots=True)
+class AsTrained:
+    """What a policy met in its training and an environment that it is evaluated in has not.
+
+    Raises:
+        ParameterError: ``ticks`` is no positive integer.
+        PolicyFileError: ``normalise`` is no file of ``VecNormalize.save``.
+    """
+
+    ticks: int = 1
+    """For how many ticks an action was held, as of :class:`~jssa_gym.ActionRepeat`."""
+    normalise: str | None = None
+    """File with the statistics of observations, of ``VecNormalize.save``."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ticks", positive_integer("ticks", self.ticks))
+        if self.normalise is not None:
+            object.__setattr__(self, "normalise", str(self.normalise))
+            read_normalisation(str(self.normalise))
+
+    def adapted(self, policy: Policy) -> Policy:
+        """A policy as it was trained."""
+        if self.normalise is not None:
+            policy = normalised(policy, read_normalisation(self.normalise))
+        return policy if self.ticks == 1 else HeldPolicy(policy, self.ticks)
+
+    def told(self) -> dict[str, Any]:
+        """What tells it from others, as JSON can hold it; nothing where there is nothing to tell."""
+        told: dict[str, Any] = {} if self.ticks == 1 else {"ticks": self.ticks}
+        if self.normalise is not None:
+            told["normalise"] = hashlib.sha256(Path(self.normalise).read_bytes()).hexdigest()
+        return told
+
+    def check(self, policies: Iterable[Any]) -> None:
+        """Refuse it where nobody was trained, with a ParameterError; a log says what files do not say."""
+        trained = [policy for policy in policies if not (isinstance(policy, str) and policy in POLICIES)]
+        if self != AS_IT_IS and not trained:
+            raise ParameterError("ticks and normalise are of trained policies: scripted ones are asked in every tick")
+        for policy in trained:
+            if isinstance(policy, str) and ((file := policy_file(policy)) is not None) and file.suffix == ".zip":
+                unsaid = (
+                    "" if self.normalise else ", nor whether its observations were normalised (then give normalise)"
+                )
+                _logger.warning("%s does not say which task it was trained for%s", policy, unsaid)
+
+
+AS_IT_IS = AsTrained()
+"""Asked in every tick with what is observed."""
 
 
 def make_policy(
-    policy: Any, env: gym.Env, seed: int, *, seen: gym.Env | None = None, trust_pickle: bool = False
+    policy: Any,
+    env: gym.Env,
+    seed: int,
+    *,
+    seen: gym.Env | None = None,
+    trust_pickle: bool = False,
+    trained: AsTrained = AS_IT_IS,
 ) -> Policy:
     """A policy for one episode.
 
@@ -30,22 +94,26 @@ def make_policy(
         seen: The same environment with the wrappers whose observations it gets; by default ``env``. A policy that
             yields offers its paths to the shield among them.
         trust_pickle: See :func:`~jssa_gym.policies.load_policy`.
+        trained: How it was trained; names of :data:`~jssa_gym.policies.POLICIES` were not.
 
     Raises:
-        ParameterError: It is nothing of these, or was trained for another environment.
+        ParameterError: It is nothing of these, or was trained for another task or environment.
         PolicyFileError: Its file is damaged, or holds something else.
     """
+    scripted = isinstance(policy, str) and policy in POLICIES
     if isinstance(policy, str):
         policy = policy_factory(policy, trust_pickle)(env, seed)
     if hasattr(policy, "predict"):
-        return ModelPolicy(policy, env if seen is None else seen)
+        if trained.normalise is not None and getattr(policy, "get_vec_normalize_env", lambda: None)() is not None:
+            raise ParameterError("the model has its VecNormalize with it: leave normalise out")
+        return trained.adapted(ModelPolicy(policy, env if seen is None else seen))
     if not callable(policy):
         raise ParameterError(f"a policy is a name, a file, 'module:factory', a model or a callable, got {policy!r}")
     if isinstance(policy, JPCPolicy) and seen is not None:
         policy.offer_to(seen)
     if isinstance(policy, LearnedPolicy):
         policy.check(env if seen is None else seen)
-    return policy
+    return policy if scripted else trained.adapted(policy)
 
 
 def policy_factory(name: str, trust_pickle: bool = False) -> Callable[[gym.Env, int], Policy]:

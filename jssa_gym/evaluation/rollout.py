@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from jssa_gym.evaluation.trace import LATER, trace_of
+from jssa_gym.exceptions import InterfaceError
 from jssa_gym.policies import Policy
 from jssa_gym.shields import SafetyFilter, Shield
 from jssa_gym.shields.offers import Offered
@@ -45,6 +46,8 @@ def shield_of(env: gym.Env) -> Shield | None:
 
 def _setting(base: Any) -> dict[str, Any]:
     """What a trace holds once: robot, people and half-spaces as they are after the reset."""
+    if base.human.names is not None:
+        raise InterfaceError(f"a trace is of people who stay; {type(base.human).__name__} come and go")
     scene: Scene = base.scene
     state, human, planes = scene.robot, scene.human, scene.planes
     return {

@@ -17,6 +17,7 @@ from jssa_gym.evaluation.ledger import Chunk, Ledger, Results, worst
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.plan import AnyRow
 from jssa_gym.evaluation.play import play, record
+from jssa_gym.evaluation.policy import AsTrained
 from jssa_gym.evaluation.report import Report, write_reports
 from jssa_gym.evaluation.rows import EvaluationRow
 from jssa_gym.evaluation.study import Evaluation, Single
@@ -49,6 +50,8 @@ def evaluate(
     keep: int = 3,
     v_safe: float = MOVING,
     separation: SeparationParams | None = None,
+    ticks: int = 1,
+    normalise: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Report:
     """Play episodes and put them into numbers.
@@ -70,11 +73,16 @@ def evaluate(
         keep: How many recordings of the worst episodes are kept.
         v_safe: Speed of the robot's touching point from which a contact is critical [m/s].
         separation: Parameters of ``ssm_margin`` and its kin.
+        ticks: For how many control steps an action of a trained policy holds, as an
+            :class:`~jssa_gym.ActionRepeat` had it in training; everything is measured in every step all the same.
+        normalise: File that ``VecNormalize.save`` wrote in its training: its observations are normalised with these
+            statistics. Nothing in the file is run.
         progress: Called after every few episodes.
 
     Raises:
         ParameterError: An argument is unknown, out of range or cannot be sent to another process, or the folder holds
             another evaluation.
+        PolicyFileError: A file is damaged, or holds something else.
     """
     plan = Single(
         env,
@@ -86,6 +94,7 @@ def evaluate(
         steps,
         v_safe,
         SeparationParams() if separation is None else separation,
+        AsTrained(ticks, None if normalise is None else str(normalise)),
     )
     folder = None if out is None else Path(out)
     report = complete(plan, folder, jobs=jobs, keep=keep, progress=progress)[0]

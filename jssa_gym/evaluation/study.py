@@ -18,11 +18,11 @@ from jssa_gym.evaluation.identity import code_digest, identity, named, robot_ide
 from jssa_gym.evaluation.metrics import SeparationParams, summarise
 from jssa_gym.evaluation.people import known_person, make_person, people_digests
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
-from jssa_gym.evaluation.policy import check_unchanged, make_policy, policy_code, policy_factory
+from jssa_gym.evaluation.policy import AS_IT_IS, AsTrained, check_unchanged, make_policy, policy_code, policy_factory
 from jssa_gym.evaluation.rollout import shield_of
 from jssa_gym.evaluation.rows import EvaluationRow, Row, Setting, digest_of
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.policies import Policy
+from jssa_gym.policies import POLICIES, Policy
 from jssa_gym.robots import DEFAULT, RobotModel, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import Shield, read_name
@@ -121,6 +121,8 @@ class Study(Evaluation):
     """Whether policies have the same seeds too, so that they can be compared in pairs."""
     sensor: str = NO_SENSOR
     """What is between the people and the filter, by name in :data:`~jssa_gym.evaluation.contenders.FAULTS`."""
+    trained: AsTrained = AS_IT_IS
+    """How the trained ones of the policies were trained."""
     code: tuple[tuple[str, str], ...] = field(init=False, repr=False)
     """Names of policies, and digests of the files that hold or define them, when the study was made."""
 
@@ -137,6 +139,7 @@ class Study(Evaluation):
             read_name(name)
         for policy in self.policies:
             policy_factory(policy, self.trust_pickle)
+        self.trained.check(self.policies)
         robot_identity(self.robot)
         known_name("sensor", self.sensor, FAULTS)
         object.__setattr__(self, "code", _codes(self.policies))
@@ -151,12 +154,15 @@ class Study(Evaluation):
         files = people_digests(self.humans)
         people = {"people": files} if files else {}
         own = asdict(self)
+        del own["trained"]
         if not self.pair_policies:
             del own["pair_policies"]  # what was begun before there was a choice is the same as ever
-        return {**without_default(without_sensor(own)), "code": dict(_codes(self.policies)), **people}
+        code = {"code": dict(_codes(self.policies))}
+        return {**without_default(without_sensor(own)), **self.trained.told(), **code, **people}
 
     def origin(self, cell: Setting, seed: int, digest: str) -> dict[str, Any]:
         told = {**Evaluation.origin(self, cell, seed, digest), "robot": self.robot, "sensor": self.sensor}
+        told |= {} if cell.policy in POLICIES else self.trained.told()
         return without_default(without_sensor(told))
 
     def make_env(self, cell: Setting) -> gym.Env:
@@ -169,7 +175,9 @@ class Study(Evaluation):
         return make_robot(self.robot).uncovered
 
     def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
-        policy = make_policy(cell.policy, env.unwrapped, seed, seen=env, trust_pickle=self.trust_pickle)
+        policy = make_policy(
+            cell.policy, env.unwrapped, seed, seen=env, trust_pickle=self.trust_pickle, trained=self.trained
+        )
         check_unchanged(cell.policy, dict(self.code).get(cell.policy, ""))  # what was read, after it was read
         return policy
 
@@ -200,6 +208,8 @@ class Single(Evaluation):
     steps: int = 1000
     v_safe: float = MOVING
     separation: SeparationParams = field(default_factory=SeparationParams)
+    trained: AsTrained = AS_IT_IS
+    """How the policy was trained."""
     code: str = field(init=False, repr=False)
     """Digest of the file that holds or defines the policy, when the plan was made."""
 
@@ -221,6 +231,7 @@ class Single(Evaluation):
             policy_factory(self.policy)
         elif not (hasattr(self.policy, "predict") or callable(self.policy)):
             make_policy(self.policy, None, 0)  # ty: ignore[invalid-argument-type]  # raises
+        self.trained.check((self.policy,))
         object.__setattr__(self, "code", policy_code(self.policy))
 
     @property
@@ -248,6 +259,7 @@ class Single(Evaluation):
             "steps": self.steps,
             "v_safe": self.v_safe,
             "separation": asdict(self.separation),
+            **self.trained.told(),
             **({"people": files} if files else {}),
         }
 
@@ -269,7 +281,7 @@ class Single(Evaluation):
             return _uncovered(env)
 
     def make_policy(self, cell: Setting, env: gym.Env, seed: int) -> Policy:
-        policy = make_policy(self.policy, env.unwrapped, seed, seen=env)
+        policy = make_policy(self.policy, env.unwrapped, seed, seen=env, trained=self.trained)
         if isinstance(self.policy, str):
             check_unchanged(self.policy, self.code)
         return policy

@@ -21,9 +21,10 @@ from jssa_gym.humans import nobody
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT
+from jssa_gym.safety.region import WatchedRegion
 from jssa_gym.shields.inplace import InPlace
 from jssa_gym.shields.options import JSSAOptions
-from jssa_gym.shields.profiles import assumptions, profiled_filter
+from jssa_gym.shields.profiles import assumptions, profiled_filter, watching
 from jssa_gym.types import Array, CapsuleSet, JointState, MeasuredPeople, Planes, Scene, Status
 from jssa_gym.validation import number_within, real_array
 
@@ -57,6 +58,7 @@ class Guard:
             None for its defaults. ``actuation_lag`` has to cover the drives' lag and by how much all ticks of a stop
             together may be late. Where they leave ``state_tolerance`` at 0, measured positions may be
             :data:`STATE_TOLERANCE` off as soon as some are given.
+        watched: Where everybody is measured, so that people may come and go; see :class:`~jssa_gym.JSSAShield`.
         scene: ``"table"`` or ``"floor"`` as in the environments, where the robot then stands; or the half-spaces that
             it must stay out of, with the robot standing where its model says.
         static: Capsules that stand still; None for none.
@@ -81,6 +83,7 @@ class Guard:
         recovery: float = 0.5,
         failsafe: FailsafeParams | Mapping[str, Any] | None = None,
         options: JSSAOptions | Mapping[str, Any] | None = None,
+        watched: WatchedRegion | Mapping[str, Any] | None = None,
         scene: Literal["table", "floor"] | Planes = "table",
         static: CapsuleSet | None = None,
         share: float = 1.0,
@@ -92,7 +95,7 @@ class Guard:
             raise ParameterError(
                 "a guard always verifies a stop: failsafe has to be FailsafeParams or a mapping of them"
             )
-        given = True if failsafe is None else failsafe
+        given = watching(True if failsafe is None else failsafe, watched)
 
         def decider(tolerance: tuple[Any, ...] | None = None) -> InPlace:
             filter = profiled_filter(
@@ -202,9 +205,9 @@ class Guard:
         wrong = self._clocked(stamp) or wrong
         if wrong:
             self._nominal.fill(math.nan)
-        human, age, valid = self._seen.read(people)
+        human, age, valid, frame_age = self._seen.read(people)
         joints = self._measured.read(measured) if self._watched else self._measured.commanded(state)
-        now = Scene(stamp, joints, human, self._static, self._planes, age, valid)
+        now = Scene(stamp, joints, human, self._static, self._planes, age, valid, frame_age)
         status, reason, margin = self._step.decide(now, self._nominal, wrong)
         override = 0.0 if status == Status.FAULT else pace_of(margin)
         return self._answers.make(self._step.state, self._step.jerk, status, reason, margin, override)

@@ -32,18 +32,20 @@ class PeopleReader:
         self._none = _Missing("there are none in this tick; an empty CapsuleSet says that nobody is there")
         self._odd = _Missing("they are no MeasuredPeople and no CapsuleSet")
 
-    def read(self, people: Any) -> tuple[Any, Any, Any]:
-        """Capsules, ages and validity; what cannot be read is for the control step to refuse."""
+    def read(self, people: Any) -> tuple[Any, Any, Any, Any]:
+        """Capsules, ages, validity and the frame's age; what cannot be read is for the control step to refuse."""
         if type(people) is CapsuleSet:
-            human, age, valid = people, 0.0, None
+            human, age, valid, frame_age = people, 0.0, None, None
         elif type(people) is MeasuredPeople:
-            human, age, valid = people.capsules, people.age, people.valid
+            human, age, valid, frame_age = people.capsules, people.age, people.valid, people.frame_age
         else:
-            return (self._none if people is None else self._odd), self._age, self._all
+            return (self._none if people is None else self._odd), self._age, self._all, None
+        if frame_age is None and not (type(age) is np.ndarray and age.ndim):
+            frame_age = age
         if valid is None or type(age) is not np.ndarray:
             with suppress(Exception):  # what this stumbles over the control step refuses in words
                 age, valid = self._filled(human, age), self._whole(human) if valid is None else valid
-        return human, age, valid
+        return human, age, valid, frame_age
 
     def _filled(self, human: CapsuleSet, age: Any) -> Any:
         """One age for all capsules."""

@@ -10,12 +10,14 @@ from jssa_gym.humans.body import Body, nobody, together
 from jssa_gym.humans.files import is_file, load
 from jssa_gym.humans.hand import Hand
 from jssa_gym.humans.motion import CLEARANCE, Crowd, HumanMotion, Nobody, Walk
+from jssa_gym.humans.paced import Paced
 from jssa_gym.humans.pursuit import Pursuit
 from jssa_gym.humans.random_walk import RandomWalk
 from jssa_gym.humans.receive import Receive
 from jssa_gym.humans.recorded import Recorded
 from jssa_gym.humans.recording import Recording
 from jssa_gym.humans.steered import Steered
+from jssa_gym.humans.visitors import Visitors
 from jssa_gym.humans.walks import ApproachRetreat, ConstantVelocity, WalkBy
 from jssa_gym.validation import known_name
 
@@ -30,11 +32,15 @@ HUMANS: dict[str, Callable[[], HumanMotion]] = {
     "receive": Receive,
     "recorded": Recorded,
 }
-"""Motions by name."""
+"""Motions by name, of people who are there from the beginning to the end."""
+
+STREAMS: dict[str, Callable[[], HumanMotion]] = {"visitors": Visitors}
+"""Motions by name, of people who come and go."""
 
 __all__ = [
     "CLEARANCE",
     "HUMANS",
+    "STREAMS",
     "ApproachRetreat",
     "Body",
     "ConstantVelocity",
@@ -43,12 +49,14 @@ __all__ = [
     "Hand",
     "HumanMotion",
     "Nobody",
+    "Paced",
     "Pursuit",
     "RandomWalk",
     "Receive",
     "Recorded",
     "Recording",
     "Steered",
+    "Visitors",
     "Walk",
     "WalkBy",
     "make_human",
@@ -58,11 +66,11 @@ __all__ = [
 
 
 Given = str | os.PathLike[str] | HumanMotion
-"""Somebody: a name in :data:`HUMANS`, a file, or a motion."""
+"""Somebody: a name in :data:`HUMANS` or :data:`STREAMS`, a file, or a motion."""
 
 
 def make_human(human: Given | Sequence[Given]) -> HumanMotion:
-    """A motion from its name in :data:`HUMANS`, or from a file; a sequence of any of these makes a crowd.
+    """A motion from its name in :data:`HUMANS` or :data:`STREAMS`, or from a file; several of the first make a crowd.
 
     A file, ``.npz``, ``.csv`` or ``.bvh``, is played as :class:`Recorded` does unless told otherwise. What is in it
     that is not as in people, and what had to be guessed of it, is a warning. A motion that is passed in is copied: it
@@ -80,5 +88,6 @@ def make_human(human: Given | Sequence[Given]) -> HumanMotion:
             warnings.warn(f"{Path(human).name}: {told}", stacklevel=2)
         return Recorded(person.recording)
     if isinstance(human, str) or not isinstance(human, Sequence):
-        return HUMANS[known_name("human", human, HUMANS)]()
+        known = {**HUMANS, **STREAMS}
+        return known[known_name("human", human, known)]()
     return Crowd([make_human(one) for one in human])

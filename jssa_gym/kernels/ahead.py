@@ -12,7 +12,7 @@ import numpy as np
 from jssa_gym.kernels.capsules import capsule_pair
 from jssa_gym.kernels.chain import place_axes, pose
 from jssa_gym.kernels.index import direction
-from jssa_gym.kernels.jit import jit, jit_counting
+from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.vector import add, along, cross, dot, fill_rows, scale, subtract
 from jssa_gym.kernels.verification import posture_at
 
@@ -48,7 +48,7 @@ def _moved(agent, t):
     return start, add(agent["end"], scale(agent["end_velocity"], t))
 
 
-@jit_counting
+@jit
 def _demand(motion, link, point, n, short, T, work):
     r"""The row of one pair at one moment: reach the gap by the minimum-jerk move that is at rest there at T.
 
@@ -73,7 +73,7 @@ def _demand(motion, link, point, n, short, T, work):
     return 60.0 / T**3 * x - 36.0 / T**2 * rate - 9.0 / T * curvature
 
 
-@jit_counting
+@jit
 def predicted_rows(robot, motion, agents, foresight, work):
     """Make a row for every pair that would come too close, from its most demanding moment.
 

@@ -105,6 +105,14 @@ def apart(ball, other, far):
 
 
 @jit
+def balls_gap(ball, other):
+    """Gap of a ball and one of :func:`put_balls` [m], below 0 if they overlap; that of the axes in them is no less."""
+    middle, diameter = ball
+    way = subtract(middle, other)
+    return (np.sqrt(dot(way, way)) - diameter - other[3]) / 2.0
+
+
+@jit
 def plane_pair(a, b, radius, plane):
     """Signed surface distance of a capsule to a solid half-space, and the fraction of its lowest axis point."""
     height_a, height_b = dot(plane["normal"], a), dot(plane["normal"], b)

@@ -96,15 +96,14 @@ _FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 def jit(function: FunctionType) -> Any:
     """Compile a kernel on first use: cached on disk, IEEE arithmetic, division by zero gives inf.
 
-    Those of :mod:`jssa_gym.kernels` are lent all their arrays and count no references to them, which are atomic and
-    took a tenth of a control step; such a kernel makes no array and looks into no pointer, see :func:`jit_counting`.
+    It is lent all its arrays and makes none, so that it counts no references to them, which are atomic and took a
+    fifth of a control step; what makes arrays is compiled by :func:`jit_owning`.
     """
-    lent = function.__module__.startswith(f"{__package__}.")
-    return _compiled(function, {**_FLAGS, "_nrt": not lent})
+    return _compiled(function, {**_FLAGS, "_nrt": False})
 
 
-def jit_counting(function: FunctionType) -> Any:
-    """The same for a kernel that makes arrays, or takes them from the pointers of :mod:`jssa_gym.tick.structs`."""
+def jit_owning(function: FunctionType) -> Any:
+    """The same for a kernel that makes arrays."""
     return _compiled(function, _FLAGS)
 
 
@@ -114,7 +113,7 @@ def part(function: FunctionType) -> Any:
     Machine code of everything that a function calls is optimised again with it, so that each storey of functions costs
     compile time; what is long or itself in parts costs more, as it is copied at every storey.
     """
-    return _compiled(function, {**_FLAGS, "inline": "always"})
+    return _compiled(function, {**_FLAGS, "_nrt": False, "inline": "always"})
 
 
 def jit_released(function: FunctionType) -> Any:

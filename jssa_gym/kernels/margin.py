@@ -6,9 +6,10 @@ in a few moments only, and leaves out half-spaces, static capsules and the arm i
 
 import numpy as np
 
-from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, put_balls
+from jssa_gym.kernels.capsules import ball_around, balls_gap, capsule_pair, put_balls
 from jssa_gym.kernels.chain import place_axes, pose
-from jssa_gym.kernels.jit import jit, jit_counting
+from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.region import room_inside
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.vector import copy, fill
 from jssa_gym.kernels.verification import posture_at
@@ -19,7 +20,7 @@ _ROUNDING = 1e-9
 """By how much a gap has to be wider than the smallest one to be more than rounding [m]."""
 
 
-@jit_counting
+@jit
 def margin(robot, motion, ticks, around, work):
     r"""Smallest gap that is left between arm and people until the arm is at rest [m].
 
@@ -30,7 +31,8 @@ def margin(robot, motion, ticks, around, work):
     over the robot capsules c that still move faster than k may be touched.
 
     The last moment is looked at first: people have grown most by then, and going back from it a gap shrinks by no more
-    than the capsule moves, and widens by what people had not grown yet. So the moments before hardly ever count.
+    than the capsule moves, and widens by what people had not grown yet. So the moments before hardly ever count: a
+    bound on the arm's speed tells of most of them, where the arm is then of others.
 
     Args:
         robot, motion, ticks, around: See :func:`~jssa_gym.kernels.verification.keeps_clear`.
@@ -40,36 +42,43 @@ def margin(robot, motion, ticks, around, work):
         That; inf where nothing moves or nobody is there, below 0 where people could be met, -inf where a gap is NaN.
     """
     agents, growth, posture, later, room = around.agents, around.growth, work.posture, work.later, work.room
+    fastest, segments = work.fastest, work.segments_now
     length, least, slowest = motion.dt * (1 + ticks), np.inf, np.inf
-    if agents.shape[0] == 0:
+    if around.pieces.shape[0] > 1:
+        slowest = around.entry_speed
+    elif agents.shape[0] == 0:
         return np.inf
     for k in range(agents.shape[0]):
         slowest = min(slowest, growth[k])
     put_balls(agents, work.balls)
+    posture_at(motion, 0.0, posture, fastest)
+    speed, lowest, then = _quickest(robot, fastest), -np.inf, length
     fill(room, -np.inf)
     for moment in range(_MOMENTS - 1, -1, -1):
         t = length * moment / _MOMENTS
-        until = t + motion.dt + length / _MOMENTS
-        posture_at(motion, t, posture, work.fastest)
-        if not _spins(work.fastest):
+        if lowest + (slowest - speed) * (then - t) > least + _ROUNDING:
             continue
-        _go_back(robot, posture, later, slowest * length / _MOMENTS, room)
-        placed = False
+        until = t + motion.dt + length / _MOMENTS
+        posture_at(motion, t, posture, fastest)
+        if not _spins(fastest):
+            continue
+        _go_back(robot, posture, later, slowest * (then - t), room)
+        placed, lowest, then = False, np.inf, t
         for i in range(room.shape[0]):
-            if room[i] > least + _ROUNDING:
-                continue
-            if not placed:
-                pose(robot.links, posture, work.frames_now)
-                place_axes(work.frames_now, robot.capsules, work.segments_now)
-                placed = True
-            least, room[i] = _least_of(robot, i, until, least, around, work)
-            if least == -np.inf:
-                return least
+            if not room[i] > least + _ROUNDING:
+                if not placed:
+                    pose(robot.links, posture, work.frames_now)
+                    place_axes(work.frames_now, robot.capsules, segments)
+                    placed = True
+                least, room[i] = _least_of(robot, i, segments[i], until, least, around, work)
+                if least == -np.inf:
+                    return least
+            lowest = min(lowest, room[i])
         copy(posture, later)
     return least
 
 
-@jit
+@part
 def _spins(fastest):
     """Whether any joint still moves."""
     spins = False
@@ -78,7 +87,20 @@ def _spins(fastest):
     return spins
 
 
-@jit_counting
+@part
+def _quickest(robot, fastest):
+    """Speed of the fastest capsule's axis, at most, for joint speeds (n,) [m/s]."""
+    quickest = 0.0
+    for i in range(robot.capsules.shape[0]):
+        speed = 0.0
+        for j in range(robot.capsules[i]["link"] + 1):
+            speed += robot.levers[i, j] * fastest[j]
+        if not speed <= quickest:
+            quickest = speed
+    return quickest
+
+
+@part
 def _go_back(robot, posture, later, widening, room):
     """Least gaps of all capsules, ``room`` (m,), from a later posture to an earlier one: what they are at least [m]."""
     for i in range(room.shape[0]):
@@ -88,24 +110,32 @@ def _go_back(robot, posture, later, widening, room):
         room[i] += widening - moved
 
 
-@jit_counting
-def _least_of(robot, i, until, least, around, work):
-    """The smallest gap of all so far, and one that capsule i is not below towards anybody [m]."""
-    agents, levers, fastest, touch = around.agents, robot.levers, work.fastest, around.touch
-    part, spin, room = work.segments_now[i], 0.0, np.inf
+@part
+def _least_of(robot, i, part, until, least, around, work):
+    """The smallest gap of all so far, and one that capsule i, ``part``, is not below towards anybody [m]."""
+    agents, balls, touch = around.agents, work.balls, around.touch
+    spin, nearest = 0.0, np.inf
     ball = ball_around(part)
     for j in range(part["link"] + 1):
-        spin += (levers[i, j] + part["radius"]) * fastest[j]
+        spin += (robot.levers[i, j] + part["radius"]) * work.fastest[j]
     for k in range(agents.shape[0]):
         agent = agents[k]
         radii = part["radius"] + agent["radius"]
         taken = around.reach[k] + around.growth[k] * until
-        if apart(ball, work.balls[k], radii + taken + least + _ROUNDING):
-            room = min(room, least)
+        far = balls_gap(ball, balls[k]) - radii - taken
+        if far > least + _ROUNDING:
+            nearest = min(nearest, far)
             continue
         gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
         left = gap - taken if not np.isnan(gap - taken) else -np.inf
-        room = min(room, left)
+        nearest = min(nearest, left)
         if not spin <= max(touch[k], REST_SPEED):
             least = min(least, left)
-    return least, room
+    if around.pieces.shape[0] > 1:
+        left = room_inside(part["start"], part["end"], part["radius"], around.faces, around.pieces)
+        left -= around.entry_reach + around.entry_speed * until
+        left = left if not np.isnan(left) else -np.inf
+        nearest = min(nearest, left)
+        if not spin <= REST_SPEED:
+            least = min(least, left)
+    return least, nearest

@@ -9,7 +9,7 @@ derivatives by path time :math:`q', q'', q'''` the joints move by
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit, jit_counting
+from jssa_gym.kernels.jit import jit, jit_owning
 from jssa_gym.kernels.motion import advance
 from jssa_gym.kernels.rest import REST_JOINTS
 from jssa_gym.kernels.vector import copy, copy_rows
@@ -195,7 +195,7 @@ def _still(point):
     return most <= REST_JOINTS
 
 
-@jit_counting
+@jit_owning
 def propose(plan, pace, wishes, state, bounds, point, out):
     """Jerks for paces that are wished for, in their order, without those that limits forbid and those that are alike.
 
@@ -207,7 +207,7 @@ def propose(plan, pace, wishes, state, bounds, point, out):
         bounds: Rows as of :func:`room`, shape (5, n).
         point: Room to work in, shape (2, 4, n).
         out: The jerks [rad/s³], the paces a tick later and the numbers of the wishes that they are for, of shapes
-            (m, n), (m, 3) and (m,).
+            (m, n), (m, 3) and (m,), or fewer rows if the first ones will do.
 
     Returns:
         How many there are.
@@ -217,6 +217,8 @@ def propose(plan, pace, wishes, state, bounds, point, out):
     ended = pace[0] >= plan[0].shape[0] * tau
     begun = np.empty(3)
     for m in range(wishes.shape[0]):
+        if count == offered.shape[0]:
+            break
         along(plan, pace[0], point[0])
         copy(pace, begun)
         if _still(point[0]):  # the plan begins at rest: any pace will do, at once

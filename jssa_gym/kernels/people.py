@@ -52,7 +52,7 @@ def _repeated(ends, j, track):
 
 
 @jit
-def _within(ends, j, radius, track, elapsed, error):
+def within(ends, j, radius, track, elapsed, error):
     """Whether both ends are where they can have come from the trusted ones; a radius that changes moves the surface."""
     for row in range(2):
         allowed = track["speed"][row] * elapsed + 2.0 * error + LENGTH_ROUNDING
@@ -131,7 +131,7 @@ def _judge(time, ends, j, radius, age, valid, person, error, track):
         if track["acceleration"] > 0.0 and _swerves(ends, j, radius, track, stamp, error):
             # who has broken the bound once is not granted it again
             track["steady"] = SWERVED
-        if not _within(ends, j, radius, track, elapsed, error):
+        if not within(ends, j, radius, track, elapsed, error):
             return JUMPED
         # neither a sample that is not believed confirms anything nor one of the same moment
         if track["acceleration"] > 0.0 and track["steady"] == UNCONFIRMED and elapsed > STAMP_ROUNDING:

@@ -39,6 +39,11 @@ AGENT = np.dtype(
 PLANE = np.dtype([("normal", *_V), ("offset", np.float64)], align=True)
 """A solid half-space ``normal · x <= offset``, unit normal pointing out of it."""
 
+# not a plane with something behind it: numba would take one for the other, and say that it does
+FACE = np.dtype([("closed", np.bool_), ("normal", *_V), ("offset", np.float64)], align=True)
+"""A face of a watched region's piece: beyond it is ``normal · x <= offset``, unit normal pointing into the piece;
+through a closed one nobody comes."""
+
 FRAME = np.dtype(
     [
         ("rotation", np.float64, (3, 3)),

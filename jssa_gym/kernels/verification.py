@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, plane_pair, put_balls, stands
 from jssa_gym.kernels.chain import place_axes, pose
-from jssa_gym.kernels.jit import jit, jit_counting
+from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.occupancy import apart_for
+from jssa_gym.kernels.records import FACE, records
+from jssa_gym.kernels.region import room_inside
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.stopping import peak_from, peak_speed, step_keeps, stop_at, stop_keeps
 from jssa_gym.kernels.vector import fill, fill_rows
@@ -37,8 +39,11 @@ _TOLERANCE = 1e-10
 UNSOUND, CHANGED_PLANES, CHANGED_STATICS = 1, 2, 3
 """What can be wrong with what stands still."""
 
-SAFE, LIMITS, REACH, HALF_SPACE, STATIC, SELF, UNDECIDED = 0, 1, 2, 3, 4, 5, 6
+SAFE, LIMITS, REACH, HALF_SPACE, STATIC, SELF, UNDECIDED, ENTRY = 0, 1, 2, 3, 4, 5, 6, 7
 """What a verification ends in."""
+
+NO_FACES, NO_PIECES = records(0, FACE), np.zeros(1, np.int64)
+"""Of no watched region."""
 
 
 @jit
@@ -178,6 +183,14 @@ class Around(NamedTuple):
     """Shape (p,) of ``PLANE``."""
     margin: float
     """Gap to keep from what stands still and from the arm itself [m]."""
+    faces: NDArray = NO_FACES
+    """Of the watched region, see :mod:`~jssa_gym.kernels.region`."""
+    pieces: NDArray[np.int64] = NO_PIECES
+    """Where those of each piece begin."""
+    entry_reach: float = 0.0
+    """How far into it whoever is unseen can have come until now [m]."""
+    entry_speed: float = 0.0
+    """How fast they come [m/s]."""
 
 
 @jit
@@ -192,7 +205,7 @@ def _rests(gap, rate, t):
     return t == 0.0 and gap <= 0.0 and rate <= REST_SPEED
 
 
-@jit_counting
+@jit
 def keeps_clear(robot, motion, ticks, around, work):
     """Whether one step and the stop after it keep off everything until the arm is at rest.
 
@@ -210,7 +223,7 @@ def keeps_clear(robot, motion, ticks, around, work):
     dt, levers, agents, margin = motion.dt, robot.levers, around.agents, around.margin
     reach, speed, touch, statics, planes = around.reach, around.growth, around.touch, around.statics, around.planes
     fastest, frames, segments, self_pairs = work.fastest, work.frames_now, work.segments_now, robot.self_pairs
-    balls = work.balls
+    balls, pieces, entry_speed = work.balls, around.pieces, around.entry_speed
     # until when each pair is known to be apart: the arm only slows down, so that what a gap lasts is a promise
     people_off, planes_off, statics_off, self_off = work.people_off, work.planes_off, work.statics_off, work.self_off
     fill_rows(people_off, -np.inf)
@@ -247,6 +260,12 @@ def keeps_clear(robot, motion, ticks, around, work):
                 if not (lasts > _SHORTEST):
                     return REACH, i, k, t
                 lasting, people_off[i, k] = min(lasting, lasts), t + lasts
+            if pieces.shape[0] > 1 and spin > REST_SPEED:
+                room = room_inside(part["start"], part["end"], part["radius"], around.faces, pieces)
+                lasts = (room - around.entry_reach - entry_speed * t) / (rate + entry_speed)
+                if not (lasts > _SHORTEST):
+                    return ENTRY, i, -1, t
+                lasting = min(lasting, lasts)
             if rate <= 0.0:
                 continue
             for k in range(planes.shape[0]):

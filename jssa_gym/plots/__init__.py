@@ -7,6 +7,7 @@ from jssa_gym.plots.captions import Caption, footer, heading, label
 from jssa_gym.plots.episodes import profile
 from jssa_gym.plots.handover import handovers
 from jssa_gym.plots.lambda_map import lambda_map
+from jssa_gym.plots.learning import learning
 from jssa_gym.plots.portrait import portraits, shifts
 from jssa_gym.plots.sensitivity import sensitivity
 from jssa_gym.plots.strips import gauge, ribbon
@@ -22,6 +23,7 @@ __all__ = [
     "heading",
     "label",
     "lambda_map",
+    "learning",
     "portraits",
     "profile",
     "require",

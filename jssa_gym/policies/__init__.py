@@ -19,6 +19,7 @@ from jssa_gym.policies.loading import load_policy, policy_file, shipped_policies
 from jssa_gym.policies.network import Network
 from jssa_gym.policies.scripted import HoldPolicy, Policy, RandomPolicy, WanderPolicy
 from jssa_gym.policies.straight import StraightPolicy
+from jssa_gym.policies.vector_jpc import VectorJPCPolicy
 
 
 def _hold(env: gym.Env, seed: int | None = None) -> HoldPolicy:
@@ -61,6 +62,7 @@ __all__ = [
     "RandomPolicy",
     "SteeredPolicy",
     "StraightPolicy",
+    "VectorJPCPolicy",
     "WanderPolicy",
     "convert_sb3",
     "load_policy",

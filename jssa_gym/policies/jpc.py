@@ -145,6 +145,18 @@ class JPCPolicy:
         self._tick += 1
         return np.clip(jerk / self._jerk_bound, -1.0, 1.0)  # rounding
 
+    def reseed(self, seed: int | None) -> None:
+        """The episode that begins next is one of a policy that was made with this seed."""
+        self._rng = np.random.default_rng(seed)
+
+    @property
+    def follows(self) -> bool:
+        """Whether a goal of the tool that moves is planned to anew.
+
+        One replan at a time, or a goal that never stops would make every answer void; a refusal is none.
+        """
+        return self._refused or self.jpc.request is None or self.jpc.phase is Phase.IDLE
+
     def offer_to(self, env: gym.Env) -> None:
         """Offer paths to the shield among the wrappers of ``env``, which need not be what the policy looks at."""
         self._take = env.get_wrapper_attr("offer") if env.has_wrapper_attr("offer") else None
@@ -212,9 +224,7 @@ class JPCPolicy:
     def _has_moved(self, goal: Array) -> bool:
         if not self._tip:
             return not np.array_equal(goal, self._goal)
-        # one replan at a time, or a goal that never stops would make every answer void; a refusal is none
-        pending = self.jpc.request is not None and self.jpc.phase is not Phase.IDLE
-        return (self._refused or not pending) and bool(np.abs(goal - self._goal).max() > self._tolerance)
+        return self.follows and bool(np.abs(goal - self._goal).max() > self._tolerance)
 
     def _answer(self, planes: Any) -> None:
         """Hand over what the host has finished by now; it need not have worked on what is void."""

@@ -115,12 +115,27 @@ class LearnedPolicy:
             ParameterError: It is no array of real numbers of that shape.
         """
         x = self._checked(observation)
-        if not np.all(np.isfinite(x)):
+        return self._followed(x, self.network(x))
+
+    def command(self, observation: Any) -> Array:
+        """What the network answers, in [-1, 1]; :meth:`jerk` makes a jerk of it, in this tick or later."""
+        return self.network(self._checked(observation))
+
+    def jerk(self, observation: Any, command: Array) -> Array:
+        """The jerk that follows a command, as :meth:`__call__` returns it.
+
+        Args:
+            observation: Of this tick, shape (n_obs,).
+            command: Of :meth:`command`, of this tick or an earlier one.
+        """
+        return self._followed(self._checked(observation), command)
+
+    def _followed(self, observation: Array, command: Array) -> Array:
+        if not np.all(np.isfinite(observation)):
             return np.full(len(self.limits.jerk), np.nan)
-        command = self.network(x)
         if self._commands is None:
             return command
-        return self._commands.jerk(self.joint_state(x), command)
+        return self._commands.jerk(self.joint_state(observation), command)
 
     @property
     def commands(self) -> Commands | None:
@@ -153,9 +168,12 @@ class LearnedPolicy:
             env: With all wrappers that change the observation.
 
         Raises:
-            ParameterError: The robot's limits, the observation's size or the action's are others; of ``"tip"``, its
-                geometry; or the environment turns commands into jerk itself.
+            ParameterError: The task is another, or the robot's limits, the observation's size or the action's are; of
+                ``"tip"``, its geometry; or the environment turns commands into jerk itself.
         """
+        task = getattr(getattr(env.unwrapped, "task", None), "name", self.task)
+        if self.task and task != self.task:
+            raise ParameterError(f"the policy was trained for task {self.task!r}, this is {task!r}")
         robot: RobotModel = env.get_wrapper_attr("robot")
         limits = robot.limits
         self._check_commands(env, robot)

@@ -1,6 +1,7 @@
 """Policies of many arms at once: each arm does, bit for bit, what it would do with a policy of its own."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
 
 import gymnasium as gym
@@ -18,6 +19,7 @@ from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.loading import policy_file
 from jssa_gym.policies.scripted import HoldPolicy, Policy, RandomPolicy, WanderPolicy
 from jssa_gym.policies.straight import StraightPolicy
+from jssa_gym.policies.vector_jpc import VectorJPCPolicy
 from jssa_gym.policies.vector_learned import VectorLearned
 from jssa_gym.types import Array, JointState
 
@@ -307,6 +309,8 @@ VECTOR_POLICIES: dict[str, Callable[[VectorEnv], VectorPolicy]] = {
     "limit_seeking": VectorLimitSeeking,
     "chase": VectorChase,
     "straight": VectorStraight,
+    "jpc": VectorJPCPolicy,
+    "jpc_paper": partial(VectorJPCPolicy, yielding=False),
 }
 """Those of :data:`~jssa_gym.policies.POLICIES` that there are for many arms: called with a vector."""
 

@@ -8,7 +8,9 @@ import numpy as np
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.energy import speed_for
 from jssa_gym.safety.parts import FOOT_PARTS, LIMB_PARTS, SLOW_PARTS, by_name, is_called
+from jssa_gym.safety.region import WatchedRegion
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, number_within, positive_number, real_array
 
@@ -42,10 +44,13 @@ class FailsafeParams:
             None if nobody knows.
         velocity_error: Largest error of a measured velocity of a capsule end [m/s]; used with ``human_acceleration``.
         contact_speed: What the arm's touching point may have in a contact [m/s], for all body parts or by name.
+        contact_energy: What a contact may give a body part [J], for all body parts or by name; None for no such limit.
         state_tolerance: How far a reading of the joints' position, velocity and acceleration may be from where the
             applied jerks must have led [rad, rad/s, rad/s²], each for all joints or one a joint.
         graded: Whether the arm is slowed down by and by where only a harder stop is verified, or where what a filter
             wants leaves people less than 5 cm.
+        watched: Where everybody is measured, so that people may come and go, as a
+            :class:`~jssa_gym.safety.region.WatchedRegion` or a mapping of its fields; None: nobody may.
 
     Raises:
         ParameterError: A number is negative or not finite, or a speed, ``max_age`` or an acceleration is not positive.
@@ -85,6 +90,11 @@ class FailsafeParams:
     contact_speed: float | Mapping[str, float] = 0.0
     """Speed of the arm's touching point that a contact may have [m/s], for all body parts or by name; the parts not
     named may be touched at rest only."""
+    contact_energy: float | Mapping[str, float] | None = None
+    """Energy that the arm may give a body part in a transient contact [J], for all body parts or by name, such as
+    :data:`~jssa_gym.safety.energy.CONTACT_ENERGY`: the part may then be touched at the speed that keeps below it
+    whatever mass the arm has, :func:`~jssa_gym.safety.energy.speed_for`, or at ``contact_speed`` where that is above 0
+    and smaller. Of the arm's own motion, as if the person stood still. Indicative: no conformity follows from it."""
     state_tolerance: tuple[float | Sequence[float], ...] = (0.0, 0.0, 0.0)
     """How far a reading of the joints' position, velocity and acceleration may be from where the applied jerks must
     have led [rad, rad/s, rad/s²], each for all joints or one a joint; velocity and acceleration may be inf: not
@@ -94,6 +104,8 @@ class FailsafeParams:
     graded: bool = False
     """Whether the arm is slowed down by and by where only a harder stop is verified, see :data:`HARDNESS`; else it goes
     on as it is asked to until none is, and then brakes as hard as it can. No assumption, the promise is the same."""
+    watched: WatchedRegion | None = None
+    """Where everybody is measured, so that people may come and go; None: nobody may appear or leave until ``reset``."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.graded, bool):
@@ -102,19 +114,16 @@ class FailsafeParams:
             object.__setattr__(self, name, positive_number(name, getattr(self, name)))
         for name in ("position_error", "actuation_lag", "tracking_error", "velocity_error"):
             object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
-        speeds = self.contact_speed
-        if isinstance(speeds, Mapping):
-            checked = {
-                str(part): number_within(f"contact_speed[{part!r}]", speed, 0.0) for part, speed in speeds.items()
-            }
-            object.__setattr__(self, "contact_speed", _told_once("contact_speed", checked))
-        else:
-            object.__setattr__(self, "contact_speed", number_within("contact_speed", speeds, 0.0))
+        object.__setattr__(self, "contact_speed", _checked_parts("contact_speed", self.contact_speed))
+        if self.contact_energy is not None:
+            object.__setattr__(self, "contact_energy", _checked_parts("contact_energy", self.contact_energy))
         if self.end_speeds is not None:
             object.__setattr__(self, "end_speeds", _checked_ends(self.end_speeds))
         if self.human_acceleration is not None:
             object.__setattr__(self, "human_acceleration", _checked_acceleration(self.human_acceleration))
         object.__setattr__(self, "state_tolerance", _checked_tolerance(self.state_tolerance))
+        if self.watched is not None:
+            object.__setattr__(self, "watched", WatchedRegion.of(self.watched))
 
     @property
     def hardness(self) -> tuple[float, ...]:
@@ -139,6 +148,14 @@ class FailsafeParams:
         known = is_called(part, SLOW_PARTS) and not is_called(part, LIMB_PARTS)
         return self.human_speed if known else max(self.limb_speed, self.human_speed)
 
+    @property
+    def entry_speed(self) -> float:
+        """Nobody comes into the watched region faster [m/s]; 0 without one."""
+        if self.watched is None:
+            return 0.0
+        fastest = (max(ends) for ends in (self.end_speeds or {}).values())
+        return self.watched.entry_speed or max(self.human_speed, self.limb_speed, self.foot_speed, *fastest)
+
     def end_speeds_of(self, part: str) -> tuple[float, float]:
         """Speed bounds of start and end of a body part's capsule [m/s]."""
         same = self.speed_of(part)
@@ -151,14 +168,19 @@ class FailsafeParams:
 
     def contact_speed_of(self, part: str) -> float:
         """Allowed speed of the arm when it touches a body part [m/s]."""
-        speeds = self.contact_speed
-        return float(by_name(speeds, part) or 0.0) if isinstance(speeds, Mapping) else speeds
+        speeds, energies = self.contact_speed, self.contact_energy
+        speed = float(by_name(speeds, part) or 0.0) if isinstance(speeds, Mapping) else speeds
+        energy = by_name(energies, part) if isinstance(energies, Mapping) else energies
+        if energy is None:
+            return speed
+        slow = speed_for(energy, part)
+        return min(speed, slow) if speed > 0.0 else slow
 
     def names_beside(self, parts: Sequence[str]) -> dict[str, list[str]]:
-        """Names in ``end_speeds``, ``human_acceleration`` and ``contact_speed`` that none of these body parts has."""
+        """Names in the mappings by body part that none of these body parts has."""
         there = {part.casefold() for part in parts}
         found = {}
-        for field in ("end_speeds", "human_acceleration", "contact_speed"):
+        for field in ("end_speeds", "human_acceleration", "contact_speed", "contact_energy"):
             values = getattr(self, field)
             beside = [name for name in values if name.casefold() not in there] if isinstance(values, Mapping) else []
             if beside:
@@ -193,6 +215,14 @@ def _told_once(field: str, values: dict[str, Any]) -> dict[str, Any]:
     if len({part.casefold() for part in values}) < len(values):
         raise ParameterError(f"{field} has to name each body part once, upper and lower case are the same: {values!r}")
     return values
+
+
+def _checked_parts(field: str, value: Any) -> float | dict[str, float]:
+    """A number of at least 0, for all body parts or by name."""
+    if not isinstance(value, Mapping):
+        return number_within(field, value, 0.0)
+    checked = {str(part): number_within(f"{field}[{part!r}]", one, 0.0) for part, one in value.items()}
+    return _told_once(field, checked)
 
 
 def _checked_ends(value: Any) -> dict[str, tuple[float, float]]:

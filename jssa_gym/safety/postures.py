@@ -4,10 +4,37 @@ import numpy as np
 
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.chain import forward, tool_motion
-from jssa_gym.kernels.records import FRAME, records
+from jssa_gym.kernels.postures import Standing
+from jssa_gym.kernels.records import FRAME, PAIR, SEGMENT, records
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.proximity import measure
-from jssa_gym.types import Array, JointState, Planes
+from jssa_gym.safety.proximity import agent_records, measure, plane_records
+from jssa_gym.types import Array, CapsuleSet, JointState, Planes
+
+
+def standing(robot: RobotModel, planes: Planes, static: CapsuleSet | None = None) -> Standing:
+    """An arm among what stands still, for :func:`~jssa_gym.kernels.postures.smallest_gap`.
+
+    Args:
+        robot: The arm, where it stands.
+        planes: Half-spaces, such as the table.
+        static: Capsules that stand still; None for none.
+    """
+    agents, half_spaces = agent_records(nobody() if static is None else static), plane_records(planes)
+    n, m = robot.n, len(robot.capsules)
+    return Standing(
+        # copies: arrays for reading alone are of another type to kernels, which would be compiled for both
+        np.array(robot.links),
+        np.array(robot.capsules),
+        np.array(robot.self_pairs),
+        agents,
+        half_spaces,
+        np.zeros((3, n)),
+        records(n, FRAME),
+        records(m, SEGMENT),
+        records((m, len(agents)), PAIR),
+        records((m, len(half_spaces)), PAIR),
+        np.zeros(len(robot.self_pairs)),
+    )
 
 
 def clearances(robot: RobotModel, position: Array, planes: Planes) -> tuple[float, float]:

@@ -43,6 +43,8 @@ class Batch:
                 f"{type(filter).__name__} proposes in Python, one arm at a time: give each arm a filter of its own "
                 "(compiled are all that have a name, with the exact projector)"
             )
+        if filter.failsafe is not None and filter.failsafe.watched is not None:
+            raise ParameterError("many arms at once have the same people throughout: watched has to be None for them")
         count = positive_integer("count", count)
         robot, sizes, settings = filter.records.robot, (len(people), statics, planes), filter.settings()
         n = len(robot.links)
@@ -74,7 +76,20 @@ class Batch:
 
     def start(self, asked: Mask | None = None) -> None:
         """Forget the past of every arm, or of those ``asked``, shape (E,): episodes begin with what is shown."""
-        loop.start(self.arms, self._all if asked is None else asked)
+        which = self._all if asked is None else asked
+        loop.start(self.arms, which)
+        self.answer.told["margin"][which] = np.inf
+
+    @property
+    def present(self) -> Array:
+        """Where the arms are taken to be: with a verified stop where the applied jerks have led, shape (E, 3, n)."""
+        return self.memory.expected if self._settings.guarded else self.scene.joints
+
+    @property
+    def margin(self) -> Array:
+        """Room that the last nominals' stops left to people, shape (E,) [m]; inf without a verified stop."""
+        told = self.answer.told["margin"]
+        return told.copy() if self._settings.guarded else np.full_like(told, np.inf)
 
     def decide(self, nominal: Array, asked: Mask | None = None) -> layout.Answer:
         """Decide for every arm.

@@ -1,13 +1,19 @@
 """What a shield needs of an environment: robot, time step and scene, and actions that are shares of the jerk bounds."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from jssa_gym.exceptions import InterfaceError
+from jssa_gym.humans import Visitors
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.safety.region import WatchedRegion
 from jssa_gym.shields.filter import SafetyFilter
+
+_ASSUMED = FailsafeParams()
 
 
 def provider(env: gym.Env, name: str) -> Any:
@@ -29,6 +35,18 @@ def robot_and_dt(env: gym.Env) -> tuple[RobotModel, Any]:
     if not isinstance(robot, RobotModel):
         raise InterfaceError(f"robot has to be a RobotModel, got {type(robot).__name__}")
     return robot, dt
+
+
+def region_of(env: gym.Env, assumed: Any) -> WatchedRegion | None:
+    """Where an environment's people come and go, for assumptions of a verified stop that do not say it themselves."""
+    said = assumed.get("watched") if isinstance(assumed, Mapping) else getattr(assumed, "watched", None)
+    if assumed is False or assumed is None or said is not None:
+        return None
+    human = vars(env.unwrapped).get("human")
+    if not isinstance(human, Visitors):
+        return None
+    # nobody comes through the floor, or from above
+    return WatchedRegion.box(human.low, human.high, ("bottom", "top"), max(_ASSUMED.limb_speed, human.speed_bound))
 
 
 def refuse_misfit(env: gym.Env, filter: SafetyFilter) -> RobotModel:

@@ -9,6 +9,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import brake, integrate, make_representable
+from jssa_gym.kernels.verification import NO_FACES, NO_PIECES
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams, levers
@@ -48,6 +49,12 @@ def _softened(limits: Array, hardness: Sequence[float]) -> Array:
     soft = np.repeat(limits[None], len(hardness), axis=0)
     soft[:, 3:] *= np.array(hardness)[:, None, None]
     return soft
+
+
+def alike(offered: Array, jerk: Array, bound: Array) -> int:
+    """The number of the first of the alternatives (a, n) that is a jerk (n,) but for rounding, -1 if none is."""
+    same = np.abs(offered - jerk).max(axis=1) <= 1e-12 * np.max(bound)
+    return int(same.argmax()) if same.any() else -1
 
 
 class SafetyFilter:
@@ -168,6 +175,7 @@ class SafetyFilter:
         """The numbers that the control step goes by."""
         n, params, limits = self.robot.n, self.failsafe, self.robot.limits.bounds()
         assumed = params or FailsafeParams()
+        faces, pieces = (NO_FACES, NO_PIECES) if assumed.watched is None else assumed.watched.faces()
         return layout.StepSettings(
             dt=self.dt,
             guarded=params is not None,
@@ -184,6 +192,9 @@ class SafetyFilter:
             max_age=assumed.max_age,
             lag=assumed.actuation_lag,
             astray=assumed.displacement(self.robot),
+            faces=faces,
+            pieces=pieces,
+            entry_speed=assumed.entry_speed,
         )
 
     def assumed(self, names: Sequence[str]) -> Assumed:
@@ -211,7 +222,9 @@ class SafetyFilter:
         """Takes down scenes in the records."""
         settings = self.records.settings
         exact, fixed = bool(np.any(settings.tolerance == 0.0)), settings.guarded or settings.static_rows
-        return Reading(self.records, not settings.guarded, exact, fixed, self.assumed)
+        watched = None if self.failsafe is None else self.failsafe.watched
+        capacity = None if watched is None else watched.capacity
+        return Reading(self.records, not settings.guarded, exact, fixed, self.assumed, capacity)
 
     @cached_property
     def _asks(self) -> bool:
@@ -339,6 +352,7 @@ class SafetyFilter:
         view = self.records.view
         numbers, jerk = view.told.item(), view.jerk.copy()
         status, phi, distance, row, column, slack, rows = numbers[:7]
+        column = self._reading.shown(column)
         if status == 0 and proposed is None:  # NOMINAL, the usual case: there is nothing to say
             self._alarm.well()
             margin = numbers[-1]
@@ -374,8 +388,7 @@ class SafetyFilter:
             choice = int(view.told[0]["choice"])
             if choice < 0:  # but what is applied may be one of them
                 offered = self.records.scene.alternatives[0, : view.now[0]["alternatives"]]
-                same = np.abs(offered - decision.jerk).max(axis=1) <= 1e-12 * np.max(self.robot.limits.jerk)
-                choice = int(same.argmax()) if same.any() else -1
+                choice = alike(offered, decision.jerk, self.robot.limits.jerk)
         override = tell(path, choice, self._alarm)
         if choice < 0:
             return decision._replace(override=override)

@@ -25,7 +25,7 @@ def tell_of_fast_people(env: gym.Env, params: FailsafeParams) -> None:
     human = vars(env.unwrapped).get("human")
     motions = _motions(human) if isinstance(human, HumanMotion) else []
     # a motion knows its capsules when it has begun
-    named = [(motion, make_human(motion).reset(np.random.default_rng(0)).names) for motion in motions]
+    named = [(one, one.names or make_human(one).reset(np.random.default_rng(0)).names) for one in motions]
     if faster := [told for motion, names in named for told in _faster(motion, names, params)]:
         say_faster("; ".join(dict.fromkeys(faster)))
     if brisker := [told for motion, names in named for told in _brisker(motion, names, params)]:

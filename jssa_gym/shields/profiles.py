@@ -8,6 +8,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, IndexParams
+from jssa_gym.safety.region import WatchedRegion
 from jssa_gym.shields.ahead import AheadFilter
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.jssa import JSSAFilter
@@ -30,6 +31,30 @@ def assumptions(name: str, value: Assumed) -> FailsafeParams | None:
     if not isinstance(value, bool | FailsafeParams):
         raise ParameterError(f"{name} has to be True, False, FailsafeParams or a mapping of its fields, got {value!r}")
     return FailsafeParams() if value is True else value or None
+
+
+def watching(value: Assumed, watched: WatchedRegion | Mapping[str, Any] | None) -> Assumed:
+    """The same assumptions about people who come and go in a region; None: as they are.
+
+    Raises:
+        ParameterError: There is no verified stop, or there is a region already, or it is none.
+    """
+    if watched is None:
+        return value
+    region, wrong = WatchedRegion.of(watched), "a watched region is for a verified stop, which this shield has not"
+    if isinstance(value, Mapping):
+        given = value.get("watched")
+        value = {**value, "watched": region}
+    elif isinstance(value, FailsafeParams):
+        given = value.watched
+        value = replace(value, watched=region)
+    elif value is True:
+        given, value = None, {"watched": region}
+    else:
+        raise ParameterError(wrong)
+    if given is not None:
+        raise ParameterError("watched is one of the assumptions: give it among them or alone, not both")
+    return value
 
 
 def profiled_filter(

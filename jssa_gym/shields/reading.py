@@ -9,12 +9,15 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.kernels.records import AGENT, PLANE, records
 from jssa_gym.kernels.verification import CHANGED_PLANES, CHANGED_STATICS, load_fixtures
 from jssa_gym.safety.proximity import check_capsules, checked_array, checked_capsules
+from jssa_gym.shields.association import Association
 from jssa_gym.shields.reasons import FIXTURES
 from jssa_gym.shields.records import Records, View
+from jssa_gym.shields.shapes import fit_together, unlike
 from jssa_gym.tick.assumed import Assumed, assume
 from jssa_gym.types import Array, CapsuleSet, Planes, Scene
 
@@ -47,6 +50,7 @@ class Reading:
         exact: Whether joint states have to be of double precision then.
         fixed: Whether what stands still is of interest.
         assumed: Called with the names of human capsules: how they move, and how an arm may touch them.
+        capacity: As many capsules people may have who come and go; None: nobody may.
     """
 
     def __init__(
@@ -56,15 +60,19 @@ class Reading:
         exact: bool,
         fixed: bool,
         assumed: Callable[[tuple[str, ...]], Assumed],
+        capacity: int | None = None,
     ) -> None:
         self._records, self._assumed = records, assumed
         self._trusting, self._exact, self._fixed = trusting, exact, fixed
+        self._visitors = None if capacity is None or trusting else Association(records, capacity, assumed)
         self.forget()
 
     def forget(self) -> None:
         """Whoever and whatever is shown next is who and what there is."""
         self.names: tuple[str, ...] | None = None
         """Of the human capsules; None while nobody knows."""
+        if self._visitors is not None:
+            self._visitors.forget()
         # whether it is settled who there is
         self._met = False
         self.planes: tuple[str, ...] = ()
@@ -93,7 +101,7 @@ class Reading:
         view = self._records.view
         if self._spoiled:
             self._spoiled, self.wrong = False, dict.fromkeys(self.wrong, "")
-            view.now[0] = (0.0, True, True, True, True, True, 0)
+            view.now[0] = (0.0, True, True, True, True, True, 0, np.nan)
         if scene is None:
             self._lose("there is no scene")
             return
@@ -156,7 +164,9 @@ class Reading:
     def _look_for_people(self, scene: Scene) -> None:
         try:
             human, age, valid = scene.human, scene.age, scene.valid
-            if not (self._met or self._trusting):
+            if self._visitors is not None:
+                human, age, valid = self._sort_out(scene)
+            elif not (self._met or self._trusting):
                 self._meet(tuple(human.names))
         except Exception as error:  # whatever a perception system delivers, the arm must go on safely
             view = self._records.view
@@ -173,8 +183,23 @@ class Reading:
             why = words_of(error)
             if not self._trusting:
                 with suppress(Exception):
-                    why = _unlike(human, age, valid) or why
+                    why = unlike(human, age, valid) or why
             self._spoil(self._records.view, "people", why)
+
+    def shown(self, column: int) -> int:
+        """Which capsule of the scene a remembered one is; -1 for one that it has not."""
+        return column if self._visitors is None or column < 0 else self._visitors.shown[column]
+
+    def _sort_out(self, scene: Scene) -> tuple[CapsuleSet, Array, NDArray[np.bool_]]:
+        """People who come and go, each in the place of their tracks."""
+        view, visitors = self._records.view, self._visitors
+        assert visitors is not None
+        if not view.now[0]["timed"]:
+            raise ValueError(self.wrong["clock"])
+        people = visitors.arrange(scene, float(view.now[0]["time"]))
+        view, self.names = self._records.view, visitors.names
+        view.now["frame"] = visitors.frame_age
+        return people
 
     def _meet(self, names: tuple[str, ...]) -> None:
         """Make room for people who are seen for the first time."""
@@ -192,13 +217,8 @@ class Reading:
             ValueError, TypeError, AttributeError: They do not fit together, or are not those of the beginning.
         """
         view, (start, end, start_velocity, end_velocity, radius, names, person) = self._records.view, human
-        shape, ends = radius.shape, (*radius.shape, 3)
-        if not (
-            len(shape) == 1
-            and start.shape == end.shape == start_velocity.shape == end_velocity.shape == ends
-            and person.shape == age.shape == valid.shape == shape
-            and len(names) == shape[0]
-        ):
+        shape = radius.shape
+        if not fit_together(human, age, valid):
             raise ValueError("the arrays' shapes do not fit together")
         if view.radius.shape != shape:
             raise ValueError(f"{shape[0]} capsules instead of {len(view.radius)}")
@@ -207,7 +227,7 @@ class Reading:
         if not (
             type(start) is type(end) is type(start_velocity) is type(end_velocity) is type(radius) is np.ndarray
             and type(person) is type(age) is type(valid) is np.ndarray
-        ) and (wrong := _unlike(human, age, valid)):
+        ) and (wrong := unlike(human, age, valid)):
             raise ValueError(wrong)
         # into arrays of one's own: of the type that the kernel is compiled for, whatever comes
         if (
@@ -284,15 +304,3 @@ class Reading:
         same = capsules is static and planes.normal.dtype == planes.offset.dtype == np.float64
         self._shown = (static, planes) if same else (None, None)
         return capsules, normal, offset
-
-
-def _unlike(human: Any, age: Any, valid: Any) -> str:
-    """Which of the people's arrays is none, or masked; empty if all are arrays."""
-    fields = ("start", "end", "start_velocity", "end_velocity", "radius", "person")
-    parts = {**{name: getattr(human, name, None) for name in fields}, "age": age, "valid": valid}
-    for name, part in parts.items():
-        if isinstance(part, np.ma.MaskedArray):
-            return f"{name} is masked"
-        if not isinstance(part, np.ndarray):
-            return f"{name} is of type {type(part).__name__}, no array"
-    return ""

@@ -78,6 +78,7 @@ REASONS: Mapping[int, str] = {
     303: "... can reach ... before it rests",
     304: "... would meet ...",
     305: "too little room to people",
+    306: "somebody unseen could be at ... before it rests",
     401: "nominal jerk is not finite",
     402: "joint state is not finite",
     403: "human measurement is not finite",
@@ -111,6 +112,7 @@ REASONS: Mapping[int, str] = {
     436: "the time is",
     437: "the clock went back",
     438: "the clock stands still",
+    439: "the watched region was not seen completely",
 }
 """What reasons begin with, by their code: hundreds are the :class:`~jssa_gym.types.Status`, ``...`` stands for names.
 

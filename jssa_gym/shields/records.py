@@ -1,5 +1,6 @@
 """One arm's records, and the pointer to them that a control step takes."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,6 +59,7 @@ class Records:
         n = len(robot.links)
         self.memory = layout.memory(1, n, 0, 0, 0)
         self.scene, self.answer = layout.scene_record(1, n, 0, 0, 0), layout.answer(1, n)
+        self._rooms: dict[tuple[int, ...], tuple[Any, ...]] = {}
         self._allocate(0, 0, 0)
 
     def make_room(self, people: int | None = None, statics: int | None = None, planes: int | None = None) -> None:
@@ -65,7 +67,25 @@ class Records:
         wanted = zip((people, statics, planes), self.sizes, strict=True)
         sizes = tuple(old if new is None else new for new, old in wanted)
         if sizes != self.sizes:
+            self._rooms.clear()
             self._allocate(*sizes)
+
+    def rearrange(self, source: Sequence[int]) -> None:
+        """Make room for other people's capsules: for each the number of the one before whose track it is, -1 for none.
+
+        What was made for as many before is used again.
+        """
+        none = layout.memory(1, len(self.robot.links), 1, 0, 0).tracks[0]
+        tracks = np.concatenate([self.memory.tracks[0], none])[np.array(source, np.int64)]
+        sizes = (len(source), *self.sizes[1:])
+        if sizes != self.sizes:
+            self._rooms[self.sizes] = self.memory, self.scene, self.work, self._view
+            if sizes in self._rooms:
+                self.memory, self.scene, self.work, self._view = self._rooms[sizes]
+                self.sizes = sizes
+            else:
+                self._allocate(*sizes)
+        self.memory.tracks[0] = tracks
 
     def _allocate(self, people: int, statics: int, planes: int) -> None:
         n = len(self.robot.links)
@@ -98,6 +118,7 @@ class Records:
     def release(self) -> None:
         """Let go of pointer and views, so that nothing shares memory."""
         self._view = None
+        self._rooms.clear()
 
 
 def _kept(old: Any, new: Any) -> Any:

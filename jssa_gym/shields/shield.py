@@ -19,14 +19,15 @@ from jssa_gym.registration import ENTRIES
 from jssa_gym.safety.action import checked_action, taken_action
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.index import DEFAULT, PUBLISHED
-from jssa_gym.shields.environment import provider, refuse_misfit, robot_and_dt
+from jssa_gym.safety.region import WatchedRegion
+from jssa_gym.shields.environment import provider, refuse_misfit, region_of, robot_and_dt
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.offers import Offered
 from jssa_gym.shields.options import JSSAOptions
 from jssa_gym.shields.people import tell_of_fast_people
-from jssa_gym.shields.profiles import assumptions, profiled_filter
+from jssa_gym.shields.profiles import assumptions, profiled_filter, watching
 from jssa_gym.shields.reasons import reason_code
-from jssa_gym.shields.registry import PUBLISHED_FORM, TASK_SHIELD, changed_params, make_filter, read_name
+from jssa_gym.shields.registry import PUBLISHED_FORM, TASK_SHIELD, WHOLE, changed_params, make_filter, read_name
 from jssa_gym.shields.wrappers import refuse_other_actions
 from jssa_gym.types import Decision, Scene, Status
 
@@ -52,6 +53,9 @@ def _named(env: gym.Env, name: str, stop: FailsafeParams | None, changes: dict[s
             raise ParameterError(f"{env} is of no task with a shielded id; give another filter than {name!r}")
         return JSSAShield(env, **ENTRIES[task].shield).filter
     robot, dt = robot_and_dt(env)
+    region = region_of(env, True)
+    if stop is None and region is not None and (read_name(name).stop or name in WHOLE):
+        stop = FailsafeParams(watched=region)
     params = changed_params(name, robot, dt, changes) if changes else None
     return make_filter(name, robot, dt, params=params, viability=stop is not None, failsafe=stop)
 
@@ -108,7 +112,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         self._source: Any = None
         refuse_other_actions(env)
         if isinstance(filter, str):
-            name, assumed = filter, assumptions("stop", stop)
+            name, assumed = filter, assumptions("stop", watching(stop, region_of(env, stop)))
             filter = _named(env, name, assumed, params)
             checked = {given: getattr(filter.params, given) for given in params}  # JSON can hold them
             recorded = stop if assumed is None or stop is True else asdict(assumed)
@@ -248,6 +252,9 @@ class JSSAShield(Shield):
         failsafe: Whether a jerk is applied only if a verified stop follows it; or under which assumptions, as
             :class:`~jssa_gym.safety.failsafe.FailsafeParams` or a mapping of its fields (which JSON can hold).
         options: What is hardly ever changed, as :class:`~jssa_gym.shields.JSSAOptions` or a mapping of its fields.
+        watched: Where everybody is measured, so that people may come and go, as a
+            :class:`~jssa_gym.safety.region.WatchedRegion` or a mapping of its fields; None: nobody may, unless the
+            environment's people say where they do.
         gradient, projector, weight, static_rows, sliding: Options given one by one, as before there were ``options``;
             None for the default.
 
@@ -270,6 +277,7 @@ class JSSAShield(Shield):
         viability: bool = True,
         failsafe: bool | FailsafeParams | Mapping[str, Any] = True,
         options: JSSAOptions | Mapping[str, Any] | None = None,
+        watched: WatchedRegion | Mapping[str, Any] | None = None,
         gradient: Literal["exact", "printed"] | None = None,
         projector: Literal["exact", "osqp"] | None = None,
         weight: ArrayLike | Sequence[float] | None = None,
@@ -279,9 +287,11 @@ class JSSAShield(Shield):
         options = JSSAOptions.of(
             options, gradient=gradient, projector=projector, weight=weight, static_rows=static_rows, sliding=sliding
         )
-        given = failsafe
+        region = None if watched is None else WatchedRegion.of(watched)
+        given = watching(failsafe, region_of(env, failsafe) if region is None else region)
         if isinstance(failsafe, Mapping):
             failsafe = FailsafeParams.of(failsafe)
+        more: dict[str, Any] = {} if region is None else {"watched": asdict(region)}
         gym.utils.RecordConstructorArgs.__init__(
             self,
             profile=profile,
@@ -294,6 +304,7 @@ class JSSAShield(Shield):
             viability=viability,
             failsafe=asdict(failsafe) if isinstance(failsafe, FailsafeParams) else failsafe,
             options=asdict(options),
+            **more,
         )
         robot, dt = robot_and_dt(env)
         filter = profiled_filter(

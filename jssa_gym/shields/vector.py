@@ -8,9 +8,11 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import InterfaceError, ParameterError
+from jssa_gym.shields.alarm import Alarm
 from jssa_gym.shields.batch import Batch
 from jssa_gym.shields.environment import refuse_misfit
-from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.filter import SafetyFilter, alike
+from jssa_gym.shields.offers import VectorOffered, alternatives_of_all, tell_all
 from jssa_gym.shields.people import tell_of_fast_people
 from jssa_gym.shields.shield import INTERVENES, JSSAShield, Shield
 from jssa_gym.shields.words import KINDS, Told, in_words, kind_codes, reason_codes
@@ -77,14 +79,28 @@ class VectorShield(VectorWrapper):
         self._jerk_bound = np.array(robot.limits.jerk)
         self._nominal = np.zeros((count, robot.n))
         self._words = Names(names, planes.names if fixed else ())
+        self._offered: VectorOffered | None = None
+        self._alarm = Alarm(filter.dt)
+        self._override = np.ones(count)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, Infos]:
         """Reset environments, then the filters of those with the scene that they start in."""
         observations, infos = self.env.reset(seed=seed, options=options)  # ty: ignore[invalid-argument-type]  # or a list
-        began = self._arms.began
+        began, self._offered = self._arms.began, None
         return observations, infos | as_infos(self._begin(began), began)
+
+    def offer(self, paths: VectorOffered) -> None:
+        """Offer paths, or jerks in order of preference, for the next step, to be applied rather than its actions.
+
+        For each arm what :meth:`~jssa_gym.shields.Shield.offer` does for one; an arm without any is filtered as ever.
+
+        Args:
+            paths: A :class:`~jssa_gym.shields.offers.VectorPath`, which the shield asks; or an array of shape
+                (E, a, n) [rad/s³]. Who has fewer alternatives has NaN in the place of others.
+        """
+        self._offered = paths
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, Infos]:
         """Filter actions, shape (E, n), and step the environments.
@@ -97,7 +113,7 @@ class VectorShield(VectorWrapper):
         take_nominals(fraction, self._jerk_bound, self._nominal)
         answer = self._decide(live)
         correction = np.zeros(self.num_envs)
-        replaced = live & (answer.told["status"] != codes.NOMINAL)
+        replaced = live & ((answer.told["status"] != codes.NOMINAL) | (answer.told["choice"] >= 0))
         replace_actions(answer.jerk, self._jerk_bound, replaced, fraction, correction)
         values = self._told(correction)
         observations, rewards, terminated, truncated, infos = self.env.step(fraction)
@@ -139,9 +155,17 @@ class VectorShield(VectorWrapper):
         return self._words
 
     def _decide(self, live: Mask) -> layout.Answer:
-        """Let filters see the present, and decide."""
+        """Let filters see the present and what is offered, and decide."""
         self._show(live)
-        return self._batch.decide(self._nominal, live)
+        self._batch.scene.now["alternatives"] = 0
+        offered, self._offered = self._offered, None
+        if offered is not None:
+            self._consider(offered, live)
+        answer = self._batch.decide(self._nominal, live)
+        self._override[live] = 1.0
+        if offered is not None:
+            self._choose(offered, live)
+        return answer
 
     def _show(self, which: Mask) -> None:
         """Let filters of those arms see the present."""
@@ -149,9 +173,27 @@ class VectorShield(VectorWrapper):
         scene.now["time"], scene.joints[:] = arms.time, arms.state
         scene.ends[:], scene.radius[:] = arms.people
 
+    def _consider(self, offered: VectorOffered, live: Mask) -> None:
+        """Take down what paths offer."""
+        batch, scene = self._batch, self._batch.scene
+        scene.now["alternatives"] = alternatives_of_all(
+            offered, batch.present.copy(), batch.margin, live, scene.alternatives, self._alarm
+        )
+
+    def _choose(self, offered: VectorOffered, live: Mask) -> None:
+        """Tell paths what became of what they offered."""
+        scene, answer = self._batch.scene, self._batch.answer
+        told, counts = answer.told, scene.now["alternatives"]
+        # what is applied may be an alternative though none was chosen
+        for e in np.flatnonzero(live & (told["status"] == codes.NOMINAL) & (told["choice"] < 0) & (counts > 0)):
+            told["choice"][e] = alike(scene.alternatives[e, : counts[e]], answer.jerk[e], self._jerk_bound)
+        choice = np.where(told["status"] == codes.NOMINAL, told["choice"], -1)
+        self._override[live] = tell_all(offered, choice, live, self._alarm)[live]
+
     def _begin(self, which: Mask) -> dict[str, NDArray[Any]]:
         """Begin episodes of those arms; what is said of them."""
         self._show(which)
+        self._override[which], self._batch.scene.now["alternatives"] = 1.0, 0
         self._batch.start(which)
         self._nominal[which] = 0.0
         self._batch.decide(self._nominal, which)
@@ -174,7 +216,7 @@ class VectorShield(VectorWrapper):
             "shield/slack": told["slack"].copy(),
             "shield/margin": told["margin"].copy(),
             "shield/choice": told["choice"].copy(),
-            "shield/override": np.ones(self.num_envs),
+            "shield/override": self._override.copy(),
         }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.kernels.people import LOST, NEVER
-from jssa_gym.kernels.verification import HALF_SPACE, REACH, STATIC
+from jssa_gym.kernels.verification import ENTRY, HALF_SPACE, REACH, STATIC
 from jssa_gym.robots import RobotModel
 from jssa_gym.shields.reading import Reading
 from jssa_gym.shields.reasons import FAULTS, FIXTURES, REASONS, SAMPLES, UNFIT
@@ -55,7 +55,7 @@ def in_words(told: Told, nominal: Array, robot: RobotModel, records: Records, re
         return f"slowed down: {obstacle}" if told.chosen == GRADED else obstacle
     if told.status != codes.FAULT:
         return REASONS[told.code]
-    if codes.LIMITS <= told.code <= codes.CROWDED:
+    if codes.LIMITS <= told.code <= codes.ENTRY:
         return f"no verified stop: {_obstacle(told, robot, records, reading)}"
     reason = _fault(told, records, reading)
     if records.settings.guarded and told.code != codes.NOT_FINITE_NOMINAL and not np.isfinite(nominal).all():
@@ -67,6 +67,8 @@ def kind_of(told: Told) -> Kind:
     """What kind of jerk it is that is applied."""
     if told.status == codes.FAULT:
         return "fault"
+    if told.choice >= 0:
+        return "alternative"
     if told.chosen == STORED:
         return "stop"
     if told.chosen in (HALFWAY, GRADED):
@@ -100,7 +102,7 @@ def reason_codes(told: NDArray[Any], finite: NDArray[np.bool_], guarded: bool) -
         guarded: Whether there is a verified stop.
     """
     status, code = told["status"], np.abs(told["code"])
-    no_stop = (code >= codes.LIMITS) & (code <= codes.CROWDED)
+    no_stop = (code >= codes.LIMITS) & (code <= codes.ENTRY)
     # "slowed down" stands before what is in the way, unless that begins with a name
     slowed = (status == codes.FAILSAFE) & (told["chosen"] == GRADED) & (code != codes.REACH) & (code != codes.MEETS)
     spoken = np.where(slowed | (code // 100 != status), 100 * status, code)
@@ -119,6 +121,8 @@ def _obstacle(told: Told, robot: RobotModel, records: Records, reading: Reading)
     if told.code == codes.CROWDED:
         return REASONS[told.code]
     part, when = robot.capsule_names[told.capsule], f"{told.moment:.3f} s"
+    if told.detail == ENTRY:
+        return f"somebody unseen could be at {part} before it rests, in {when}"
     if told.detail == REACH:
         names = reading.names or ()
         return f"{names[told.other]} can reach {part} before it rests, in {when}"
@@ -165,6 +169,8 @@ def _fault(told: Told, records: Records, reading: Reading) -> str:
         return f"the filter failed: ValueError: {wrong['fixtures'] or FIXTURES[1]}"
     if code == codes.ANSWER:
         return UNFIT[told.detail]
+    if code == codes.UNWATCHED:
+        return f"{REASONS[code]} for {told.moment:.3g} s"
     if codes.TRUST < code < codes.TRUST + 10:
         return _distrust(told, records, reading)
     return _LONGER.get(code) or REASONS[code]

@@ -24,6 +24,7 @@ from jssa_gym.kernels.verification import (
     load_people,
 )
 from jssa_gym.tick import codes
+from jssa_gym.tick.region import entered
 
 WANTED, HALFWAY, STORED, GRADED = range(4)
 """Which jerk was chosen: what was proposed, one half way to the stored stop's, the stored stop's, or what was proposed
@@ -87,8 +88,15 @@ def plan_behind(settings, memory, jerk, hardness, work, e):
 def _seen_by_stop(settings, memory, work, e):
     return Around(
         work.grown, work.reach, memory.growth[e], memory.touch[e], work.confined, memory.statics[e], memory.planes[e],
-        settings.astray,
+        settings.astray, settings.faces, settings.pieces, _entered(settings, memory, e), settings.entry_speed,
     )  # fmt: skip
+
+
+@jit
+def _entered(settings, memory, e):
+    """How far into the watched region whoever is unseen can have come [m]."""
+    since = memory.arm[e]["people_time"] - memory.arm[e]["frame"]
+    return entered(settings, since + settings.lag, settings.position_error + settings.astray)
 
 
 @jit
@@ -158,7 +166,7 @@ def _differ(one, other):
 
 
 @jit
-def choose(robot, settings, memory, wanted, jerk, work, e):
+def choose(robot, settings, memory, wanted, jerk, room, work, e):
     """The first verified one of: the wanted jerk, one between it and the stored stop's, the stored stop's.
 
     If there are stops of several hardness, the nominal is applied as it is only before the softest, and what a filter
@@ -168,13 +176,16 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
     Into ``jerk`` (n,), the state after it into ``work.after``, the stop from there into ``work.next``: for the stored
     stop's that holds nothing of use.
 
+    ``room`` is the margin of ``work.clipped``, NaN if that is not known.
+
     Returns:
         Which one (see ``WANTED``); then code, robot capsule, other's number and time of what stood in the first one's
         way.
     """
     step, count, share = memory.arm[e]["step"], settings.hardness.shape[0], 1.0
     if count > 1 and _differ(wanted, work.clipped):
-        share = share_of(room_behind(robot, settings, memory, wanted, work, e))
+        room = room_behind(robot, settings, memory, wanted, work, e)
+        share = share_of(room)
     copy(wanted, jerk)
     why, row, column, moment = keeps_safe(robot, settings, memory, jerk, FIRST, work, e)
     if why == SAFE and share == 1.0:
@@ -186,8 +197,9 @@ def choose(robot, settings, memory, wanted, jerk, work, e):
         if hardness == count:
             why, row, column, moment, share = code, other_row, other_column, other_moment, 0.0
         else:
-            share = share_of(room_behind(robot, settings, memory, wanted, work, e))
-            share = min(share, (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0]))
+            if np.isnan(room):
+                room = room_behind(robot, settings, memory, wanted, work, e)
+            share = min(share_of(room), (1.0 - settings.hardness[hardness]) / (1.0 - settings.hardness[0]))
     if count > 1 and share > 0.0:
         blend(memory, wanted, share, settings.stop_limits, jerk, e)
         hardness, _, _, _, _ = softest(robot, settings, memory, jerk, FIRST, count, work, e)
@@ -230,7 +242,9 @@ def confirm(robot, settings, memory, work, answer, e):
         still the first.
     """
     told, n = answer.told[e], answer.jerk.shape[1]
-    which, code, row, column, moment = choose(robot, settings, memory, answer.jerk[e], work.jerk, work, e)
+    which, code, row, column, moment = choose(
+        robot, settings, memory, answer.jerk[e], work.jerk, told["margin"], work, e
+    )
     told["detail"], told["capsule"], told["other"], told["moment"] = code, row, column, moment
     told["chosen"] = which
     if which in (WANTED, GRADED):
@@ -265,7 +279,7 @@ def admits(robot, settings, memory, jerk, work, answer, e):
 def confirm_held(robot, settings, memory, work, answer, e):
     """Look at another jerk, ``work.wanted``, with which the joints in the way go on with the stored stop."""
     make_representable(work.wanted, robot.limits[4])
-    which, _, _, _, _ = choose(robot, settings, memory, work.wanted, work.jerk, work, e)
+    which, _, _, _, _ = choose(robot, settings, memory, work.wanted, work.jerk, np.nan, work, e)
     # whatever it is, it is not what was proposed
     answer.told[e]["chosen"] = max(which, HALFWAY)
     if which == STORED:

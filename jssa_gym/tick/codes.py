@@ -15,9 +15,10 @@ INFEASIBLE, RECOVERING, CORNERED = 201, 202, 203
 CUT_OFF, IMMOVABLE = 204, 205
 """The jerk bounds cut off the safe acceleration; no joint moves the pair."""
 
-LIMITS, UNDECIDED, REACH, MEETS, CROWDED = 301, 302, 303, 304, 305
+LIMITS, UNDECIDED, REACH, MEETS, CROWDED, ENTRY = 301, 302, 303, 304, 305, 306
 """No stop within the joint limits; one that takes too many checks; somebody can reach the arm; it would meet something
-(``other`` from 0 counts half-spaces, then static capsules, then the robot's own capsules); little room is left."""
+(``other`` from 0 counts half-spaces, then static capsules, then the robot's own capsules); little room is left;
+somebody who is not seen yet can reach the arm."""
 
 NOT_FINITE_NOMINAL, NOT_FINITE_JOINTS, NOT_FINITE_PEOPLE, UNMEASURED = 401, 402, 403, 404
 """What is not finite: nominal, joints, people; somebody was not measured."""
@@ -40,6 +41,9 @@ ANSWER, UNSOLVED, UNVERIFIED = 422, 423, 427
 
 INDEX, DERIVATIVE, PRINTED_ROW = 424, 425, 426
 """What is not finite: index, a distance or one of its derivatives, printed row."""
+
+UNWATCHED = 439
+"""There was no complete frame of the watched region for too long."""
 
 FROZEN, LAGS, MOVING = 431, 432, 434
 """What is wrong with the joint state: it is the same again, of some ticks ago, in motion though unknown so far."""

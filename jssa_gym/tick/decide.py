@@ -279,6 +279,8 @@ def _conclude(robot, settings, memory, work, answer, e):
         told["code"] = codes.UNDECIDED
     elif what == verification.REACH:
         told["code"] = codes.REACH
+    elif what == verification.ENTRY:
+        told["code"] = codes.ENTRY
     elif what == verification.SAFE:
         told["code"] = codes.CROWDED
     if not memory.arm[e]["verified"]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.kernels.projection import scratch
 from jssa_gym.kernels.records import AGENT, CONFINED, FRAME, PAIR, PLANE, SEGMENT, STOP, TRACK, records
+from jssa_gym.kernels.verification import NO_FACES, NO_PIECES
 
 Floats = NDArray[np.float64]
 
@@ -74,6 +75,12 @@ class StepSettings(NamedTuple):
     paced: bool = False
     """Whether the clock is that of whoever asks for decisions, one a tick, and right while it goes on; else it is the
     scene's, which is not believed, once it has lagged, until it has caught up with the decisions."""
+    faces: NDArray = NO_FACES
+    """Of the watched region, see :mod:`~jssa_gym.kernels.region`; without one nobody may come or go."""
+    pieces: NDArray[np.int64] = NO_PIECES
+    """Where those of each piece begin, shape (pieces + 1,)."""
+    entry_speed: float = 0.0
+    """How fast whoever is unseen may come into it [m/s]."""
 
 
 MEMORY = np.dtype(
@@ -106,6 +113,7 @@ MEMORY = np.dtype(
         ("seen", np.float64),  # the scene's clock when it was read last, NaN for never
         ("ahead", np.float64),  # what people are ahead of it [s]
         ("missed", np.int64),  # ticks since then
+        ("frame", np.float64),  # when the watched region was seen completely for the last time, -inf for never
         ("fixed", np.bool_),  # whether it is known what stands still
     ],
     align=True,
@@ -155,6 +163,7 @@ SCENE = np.dtype(
         ("seen", np.bool_),  # whether there was a scene to read them from
         ("fixtures", np.bool_),  # whether static capsules and half-spaces could
         ("alternatives", np.int64),  # how many jerks are offered beside the nominal
+        ("frame", np.float64),  # age of the newest complete frame of the watched region [s]; NaN for none
     ],
     align=True,
 )
@@ -328,6 +337,7 @@ def memory(arms: int, n: int, people: int, statics: int, planes: int) -> Memory:
     arm = records(arms, MEMORY)
     arm["time"], arm["due"] = np.nan, -np.inf
     arm["people_time"], arm["seen"], arm["resume"] = -np.inf, np.nan, np.nan
+    arm["frame"] = -np.inf
     return Memory(
         arm=arm,
         state=np.zeros((arms, 3, n)),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.kernels.chain import forward, jacobian, tool_motion
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, jit_owning
 from jssa_gym.kernels.motion import scale_action, scale_nominal, to_shares
 from jssa_gym.kernels.norm import length
 from jssa_gym.tick.move import People, fill_features, move
@@ -71,7 +71,7 @@ def take_nominals(fraction, bound, jerk):
         scale_nominal(fraction[e], bound, jerk[e])
 
 
-@jit
+@jit_owning
 def replace_actions(jerk, bound, which, fraction, correction):
     """Shares of the bounds that give the jerks, shape (E, n), in place of the actions, where ``which``, shape (E,).
 
@@ -90,7 +90,7 @@ def replace_actions(jerk, bound, which, fraction, correction):
                 fraction[e, j] = share[j]
 
 
-@jit
+@jit_owning
 def move_all(body, people, live, before, jerk, dt, seen, out):
     """:func:`~jssa_gym.tick.move.move` for every arm that is ``live``, shape (E,).
 

@@ -7,6 +7,7 @@ from jssa_gym.kernels.occupancy import UNCONFIRMED
 from jssa_gym.kernels.people import COVERED, judge_people
 from jssa_gym.tick import codes
 from jssa_gym.tick.joints import timely
+from jssa_gym.tick.region import meet_newcomers, take_frame, watches
 
 NO_TIME, BACK = 1, 2
 """What is wrong with the time by which people move: it is none, or went back."""
@@ -17,7 +18,7 @@ def forget_people(memory, e):
     """Whoever is measured next is who there is."""
     arm = memory.arm[e]
     arm["met"], arm["people_time"] = False, -np.inf
-    arm["seen"], arm["ahead"], arm["missed"] = np.nan, 0.0, 0
+    arm["seen"], arm["ahead"], arm["missed"], arm["frame"] = np.nan, 0.0, 0, -np.inf
     for k in range(memory.tracks.shape[1]):
         track = memory.tracks[e, k]
         for row in range(4):
@@ -39,14 +40,32 @@ def people_clock(settings, memory, now, readable, e):
     # a reading that is none, or went back, does not count: the ticks since the last that does are still due
     if not readable or now < arm["seen"] or not np.isfinite(now):
         return now
-    gap, due = now - arm["seen"], settings.dt * arm["missed"]
+    ahead = _ahead(settings, arm, now, arm["missed"])
     arm["seen"], arm["missed"] = now, 0
     if settings.paced:  # ticks go by this clock, not the other way round
         return now
+    arm["ahead"] = ahead
+    return now + ahead
+
+
+@jit
+def _ahead(settings, arm, now, missed):
+    """By how much people are ahead of the scene's time, so many ticks after the last [s]."""
+    gap, due = now - arm["seen"], settings.dt * missed
     # what it falls behind counts until it has caught up; a rounding is nothing
     if abs(due - gap) > 1e-6 * due:
-        arm["ahead"] = max(arm["ahead"] + due - gap, 0.0)
-    return now + arm["ahead"]
+        return max(arm["ahead"] + due - gap, 0.0)
+    return arm["ahead"]
+
+
+@jit
+def coming_clock(arms, now):
+    """The time that the next :func:`people_clock` of a single arm will give; NaN where people will not be looked at."""
+    settings, arm = arms.settings, arms.memory.arm[0]
+    if now < arm["seen"] or not np.isfinite(now):
+        return np.nan
+    time = now if settings.paced else now + _ahead(settings, arm, now, arm["missed"] + 1)
+    return time if time >= arm["people_time"] else np.nan
 
 
 @part
@@ -86,6 +105,8 @@ def _update(settings, memory, scene, time, work, answer, e):
             memory.tracks[e, k]["person"] = scene.person[e, k]
         arm["met"] = True
     arm["people_time"] = time
+    if watches(settings):
+        meet_newcomers(settings, memory, scene, time, e)
     worst, verdict, cover, fresh = judge_people(
         time,
         scene.ends[e],
@@ -101,10 +122,15 @@ def _update(settings, memory, scene, time, work, answer, e):
         work.age,
     )
     told["fresh"], told["sample"] = fresh, verdict
-    if worst < 0:
-        return 0
-    told["other"], told["detail"], told["moment"] = worst, cover, work.age[worst]
-    return 0 if cover == COVERED else codes.TRUST + 1 + verdict
+    unseen = watches(settings) and not take_frame(settings, memory, scene, time, e)
+    if worst >= 0:
+        told["other"], told["detail"], told["moment"] = worst, cover, work.age[worst]
+        if cover != COVERED:
+            return codes.TRUST + 1 + verdict
+    if unseen:
+        told["moment"] = time - arm["frame"]
+        return codes.UNWATCHED
+    return 0
 
 
 @jit

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, jit_owning
 from jssa_gym.kernels.limbs import FLICKS, put_all, step_gesture
 from jssa_gym.kernels.motion import translate
 from jssa_gym.kernels.walkers import PURSUES, step_walker
 
 
-@jit
+@jit_owning
 def walk_all(walkers, start, end, radius, live, dt, segments, out):
     """:func:`~jssa_gym.kernels.walkers.step_walker` for everybody beside an arm that is ``live``, shape (E,).
 
@@ -57,7 +57,7 @@ def take_links(segments, start, end, radius):
         radius[i] = segments[i]["radius"]
 
 
-@jit
+@jit_owning
 def gesture_all(gestures, limbs, start, end, live, dt, segments, out):
     """:func:`~jssa_gym.kernels.limbs.step_gesture` for everybody beside an arm that is ``live``.
 

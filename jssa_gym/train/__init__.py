@@ -4,13 +4,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.train.aggregate import interquartile_mean, stratified_interval
 from jssa_gym.train.config import INSTALL, PRESETS, TrainConfig, preset
+from jssa_gym.train.curves import Band, LearningCurve, learning_curves
 from jssa_gym.train.environment import control_env, training_env
-from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, TD3, TQC, Settings
+from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, TD3, TQC, PPOLagrangian, SACLagrangian, Settings
+from jssa_gym.train.sweep import SeedOutcome, train_seeds
+from jssa_gym.train.variation import Curriculum, DomainRandomisation
 from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
 
 if TYPE_CHECKING:
-    from jssa_gym.train.learner import ExecutedBuffer, build, to_policy
+    from jssa_gym.train.lagrangian import ExecutedBuffer
+    from jssa_gym.train.learner import build, to_policy
     from jssa_gym.train.loop import Training, train
 
 __all__ = [
@@ -20,23 +25,34 @@ __all__ = [
     "SAC",
     "TD3",
     "TQC",
+    "Band",
+    "Curriculum",
+    "DomainRandomisation",
     "ExecutedAction",
     "ExecutedBuffer",
     "InterventionPenalty",
+    "LearningCurve",
     "ObserveIntervention",
+    "PPOLagrangian",
+    "SACLagrangian",
+    "SeedOutcome",
     "Settings",
     "TrainConfig",
     "Training",
     "build",
     "control_env",
+    "interquartile_mean",
+    "learning_curves",
     "preset",
+    "stratified_interval",
     "to_policy",
     "train",
+    "train_seeds",
     "training_env",
 ]
 
 _HOMES = {
-    "ExecutedBuffer": "learner",
+    "ExecutedBuffer": "lagrangian",
     "Training": "loop",
     "build": "learner",
     "to_policy": "learner",

@@ -11,7 +11,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS
 from jssa_gym.humans.files import is_file, load
 from jssa_gym.robots import DEFAULT, ROBOTS
-from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, OffPolicy, Settings
+from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, OffPolicy, PPOLagrangian, SACLagrangian, Settings
 from jssa_gym.train.wrappers import LEAST_SHARE
 from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false, whole_number
 
@@ -189,13 +189,13 @@ _TIP: dict[str, Any] = {"control": "tip", "share": 1.0, "ticks": 25}
 0.08 s, and nearer is better at once, so that a short horizon (``gamma``) will do."""
 
 
-def _ppo(task: str) -> TrainConfig:
-    settings = PPO(rollout=1024, batch_size=128, learning_rate=7e-4, gamma=0.9, log_std=0.0)
+def _ppo(task: str, kind: type[PPO] = PPO) -> TrainConfig:
+    settings = kind(rollout=1024, batch_size=128, learning_rate=7e-4, gamma=0.9, log_std=0.0)
     return TrainConfig(task=task, settings=settings, steps=300_000, interval=10_240, eval_episodes=40, **_TIP)
 
 
-def _sac(task: str) -> TrainConfig:
-    settings = SAC(
+def _sac(task: str, kind: type[SAC] = SAC) -> TrainConfig:
+    settings = kind(
         learning_rate=1e-3, batch_size=256, width=128, gamma=0.9, tau=0.01, updates=1.0, learning_starts=1000
     )
     return TrainConfig(task=task, settings=settings, steps=60_000, interval=5_000, eval_episodes=20, **_TIP)
@@ -205,8 +205,11 @@ PRESETS: dict[tuple[str, str], TrainConfig] = {
     ("reach", "sac"): _sac("reach"),
     ("reach", "ppo"): _ppo("reach"),
     ("handover", "ppo"): _ppo("handover"),
+    ("reach", "ppo-lagrangian"): _ppo("reach", PPOLagrangian),
+    ("reach", "sac-lagrangian"): _sac("reach", SACLagrangian),
 }
-"""Trainings that were tuned, by task and algorithm; what is missing has the defaults."""
+"""Trainings that were tuned, by task and algorithm; what is missing has the defaults. With a limit on the cost they are
+those without."""
 
 
 def tuned_algorithm(task: str) -> str:

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -46,6 +47,10 @@ class Leg:
     eval_return: float
     eval_time: float
     """Mean time to the goal, of the episodes that reached it [s]."""
+    processor_seconds: float = float("nan")
+    """Processor time that it took in this process, its evaluation not counted [s]; NaN where it was not taken down."""
+    cost_rate: float = float("nan")
+    """Share of the control steps of the learner's episodes in which somebody was nearer than d_min; NaN as above."""
 
 
 @dataclass(slots=True)
@@ -65,7 +70,7 @@ class EpisodeCounter:
         """Whether so many episodes ended, and every step of them all was a FAULT."""
         return len(self.summaries) >= enough and all(one["fault_rate"] == 1.0 for one in self.summaries)
 
-    def leg(self, steps: int, seconds: float, report: Report) -> Leg:
+    def leg(self, steps: int, seconds: float, processor_seconds: float, report: Report) -> Leg:
         """The leg that ends now; counting begins anew."""
         ended = self.summaries
         self.summaries = []
@@ -94,6 +99,8 @@ class EpisodeCounter:
             eval_interventions=report.means["intervention_rate"].value if "intervention_rate" in report.means else 0.0,
             eval_return=report.means["ep_return"].value,
             eval_time=float("nan") if times is None else times.value,
+            processor_seconds=round(processor_seconds, 1),
+            cost_rate=sum(x["ep_cost"] for x in ended) / sum(x["ep_len"] for x in ended) if ended else float("nan"),
         )
 
 
@@ -127,3 +134,18 @@ def write_history(path: Path, history: tuple[Leg, ...]) -> None:
     writer.writeheader()
     writer.writerows(as_rows(history))
     write_whole(path, text.getvalue().encode())
+
+
+RECORD = "training.json"
+"""What a training's folder says of it as JSON, for whoever draws its curve."""
+
+
+def write_record(path: Path, training: Mapping[str, Any], history: tuple[Leg, ...]) -> None:
+    """Write what was trained and what came of it so far, complete or not at all.
+
+    Args:
+        path: The file.
+        training: As :meth:`~jssa_gym.train.TrainConfig.as_dict` gives it.
+        history: Its legs.
+    """
+    write_whole(path, json.dumps({"training": training, "history": as_rows(history)}, indent=2, allow_nan=False) + "\n")

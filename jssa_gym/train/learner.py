@@ -10,9 +10,7 @@ import gymnasium as gym
 import numpy as np
 import stable_baselines3 as sb3
 import torch
-from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -26,29 +24,12 @@ from jssa_gym.policies.network import Network
 from jssa_gym.text import show_messages
 from jssa_gym.train.config import INSTALL, TrainConfig
 from jssa_gym.train.environment import makers
-from jssa_gym.train.settings import PPO, TD3, OffPolicy
+from jssa_gym.train.lagrangian import ConstrainedPPO, ConstrainedSAC, CostBuffer, CostLimit, ExecutedBuffer
+from jssa_gym.train.settings import PPO, TD3, TQC, OffPolicy, PPOLagrangian, SACLagrangian
 from jssa_gym.train.vector import ArmVecEnv
-from jssa_gym.train.wrappers import EXECUTED
 
 _CLIP = 10.0
 """Normalised observations are clipped to this."""
-
-
-class ExecutedBuffer(ReplayBuffer):
-    """A replay buffer that takes the executed action from ``info`` where there is one."""
-
-    def add(
-        self,
-        obs: NDArray[Any],
-        next_obs: NDArray[Any],
-        action: NDArray[Any],
-        reward: NDArray[Any],
-        done: NDArray[Any],
-        infos: list[dict[str, Any]],
-    ) -> None:
-        # actions are in [-1, 1] already, which is what the buffer scales them to
-        executed = [info.get(EXECUTED, action[i]) for i, info in enumerate(infos)]
-        super().add(obs, next_obs, np.stack(executed), reward, done, infos)
 
 
 def make_vec_env(config: TrainConfig) -> VecEnv:
@@ -113,7 +94,8 @@ def _model(config: TrainConfig, env: VecEnv, device: str) -> BaseAlgorithm:
     }
     shape: dict[str, Any] = {"net_arch": [settings.width] * settings.layers}
     if isinstance(settings, PPO):
-        model = sb3.PPO(
+        kind = ConstrainedPPO if isinstance(settings, PPOLagrangian) else sb3.PPO
+        model = kind(
             "MlpPolicy",
             env,
             n_steps=settings.rollout // config.envs,
@@ -128,6 +110,9 @@ def _model(config: TrainConfig, env: VecEnv, device: str) -> BaseAlgorithm:
         model = _off_policy(config, settings, env, shape, common)
     else:
         raise ParameterError(f"no model for {settings!r}")
+    if isinstance(settings, PPOLagrangian | SACLagrangian):
+        assert isinstance(model, ConstrainedPPO | ConstrainedSAC)
+        model.constrain(CostLimit(settings.cost_limit, settings.multiplier_rate, config.ticks))
     rate.model = model
     return model
 
@@ -148,13 +133,16 @@ def _off_policy(
         zero = np.zeros(env.action_space.shape or ())
         noise = NormalActionNoise(zero, zero + settings.noise)
         return sb3.TD3("MlpPolicy", env, action_noise=noise, **replay, **common)
-    if settings.algorithm == "sac":
+    if isinstance(settings, SACLagrangian):
+        replay["replay_buffer_class"] = CostBuffer
+        return ConstrainedSAC("MlpPolicy", env, **replay, **common)
+    if not isinstance(settings, TQC):
         return sb3.SAC("MlpPolicy", env, **replay, **common)
     try:
-        from sb3_contrib import TQC
+        import sb3_contrib
     except ImportError as error:
         raise MissingExtraError(f"tqc needs sb3-contrib: {INSTALL}") from error
-    return TQC("MlpPolicy", env, **replay, **common)
+    return sb3_contrib.TQC("MlpPolicy", env, **replay, **common)
 
 
 class _Falling:

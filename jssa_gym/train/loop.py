@@ -24,7 +24,7 @@ from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.train.checkpoint import Checkpoint, latest_checkpoint, write_checkpoint
 from jssa_gym.train.config import EVALUATION_SEED, INSTALL, TrainConfig
 from jssa_gym.train.environment import control_env
-from jssa_gym.train.history import EpisodeCounter, Leg, as_rows, from_rows, write_history
+from jssa_gym.train.history import RECORD, EpisodeCounter, Leg, as_rows, from_rows, write_history, write_record
 from jssa_gym.train.learner import build, to_policy
 from jssa_gym.train.state import (
     BUFFER,
@@ -82,9 +82,9 @@ def train(
 
     Args:
         config: The training.
-        folder: For checkpoints, ``best.npz`` and ``last.npz`` (see :func:`jssa_gym.load_policy`), ``history.csv`` and
-            TensorBoard's logs; one that is there already is continued. A training that has ended goes on if it is given
-            more ``steps``, unless its learning rate decays.
+        folder: For checkpoints, ``best.npz`` and ``last.npz`` (see :func:`jssa_gym.load_policy`), ``history.csv``,
+            ``training.json`` and TensorBoard's logs; one that is there already is continued. A training that has ended
+            goes on if it is given more ``steps``, unless its learning rate decays.
         say: Told in a line what happens.
         watch: Told of the progress.
         device: Of torch.
@@ -201,16 +201,16 @@ def _leg(
     model.set_random_seed(_seed(config.seed, number))
     model._last_obs = None  # the environments begin anew, as they would after an interruption
     end = min((number + 1) * config.interval, config.steps)
-    begun = time.monotonic()
+    begun, busy = time.monotonic(), time.process_time()
     model.learn(
         max(end - model.num_timesteps, 1), counter, reset_num_timesteps=False, log_interval=_log_interval(model)
     )
-    seconds = time.monotonic() - begun
+    seconds, processor_seconds = time.monotonic() - begun, time.process_time() - busy
     policy = to_policy(model, config)
     report = evaluate(partial(control_env, config), policy, config.eval_episodes, EVALUATION_SEED)
     if report.blocked:
         raise BlockedError(_blocked(report.blocked))
-    leg = counter.tally.leg(model.num_timesteps, seconds, report)
+    leg = counter.tally.leg(model.num_timesteps, seconds, processor_seconds, report)
     history = (*history, leg)
     _log(model, leg)
     policy = policy.with_provenance(_provenance(config, history, command))
@@ -227,8 +227,9 @@ def _leg(
     write_checkpoint(folder / CHECKPOINTS, model.num_timesteps, data, writers)
     try:
         write_history(folder / HISTORY, history)
+        write_record(folder / RECORD, config.as_dict(), history)
     except OSError as error:
-        raise CheckpointError(f"cannot write to {folder / HISTORY}: {error.strerror or error}") from error
+        raise CheckpointError(f"cannot write the history to {folder}: {error.strerror or error}") from error
     return history
 
 

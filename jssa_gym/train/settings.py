@@ -76,6 +76,8 @@ _RANGES: dict[str, tuple[float, float]] = {
     "tau": (1e-6, 1.0),
     "updates": (1e-3, 100.0),
     "noise": (0.0, 10.0),
+    "cost_limit": (1e-6, 1.0),
+    "multiplier_rate": (0.0, 100.0),
 }
 """Least and largest value; networks not larger than a policy file takes."""
 
@@ -104,6 +106,17 @@ class PPO(Settings):
 
 
 @dataclass(frozen=True, slots=True)
+class PPOLagrangian(PPO):
+    """PPO with a limit on the cost, which a Lagrange multiplier weighs against the reward."""
+
+    algorithm: ClassVar[str] = "ppo-lagrangian"
+    cost_limit: float = 0.001
+    """Share of control steps in which somebody may be nearer than d_min: 0.001 is once in 8 s."""
+    multiplier_rate: float = 0.02
+    """By how much the multiplier rises in 1,000 policy steps with twice that, or falls in as many with none."""
+
+
+@dataclass(frozen=True, slots=True)
 class OffPolicy(Settings):
     """What algorithms with a replay buffer share."""
 
@@ -122,6 +135,17 @@ class SAC(OffPolicy):
 
 
 @dataclass(frozen=True, slots=True)
+class SACLagrangian(SAC):
+    """SAC with a limit on the cost, whose multiple is taken from the reward."""
+
+    algorithm: ClassVar[str] = "sac-lagrangian"
+    cost_limit: float = 0.001
+    """As of :class:`PPOLagrangian`."""
+    multiplier_rate: float = 0.02
+    """As of :class:`PPOLagrangian`."""
+
+
+@dataclass(frozen=True, slots=True)
 class TQC(OffPolicy):
     """Truncated quantile critics; needs ``sb3-contrib``."""
 
@@ -137,7 +161,9 @@ class TD3(OffPolicy):
     """Standard deviation of the exploration noise, in action bounds."""
 
 
-ALGORITHMS: dict[str, type[Settings]] = {"ppo": PPO, "sac": SAC, "td3": TD3, "tqc": TQC}
+ALGORITHMS: dict[str, type[Settings]] = {
+    kind.algorithm: kind for kind in (PPO, SAC, TD3, TQC, PPOLagrangian, SACLagrangian)
+}
 """Algorithms by name."""
 
-Algorithm = Literal["ppo", "sac", "td3", "tqc"]
+Algorithm = Literal["ppo", "sac", "td3", "tqc", "ppo-lagrangian", "sac-lagrangian"]

@@ -10,11 +10,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from jssa_gym.exceptions import CheckpointError
 from jssa_gym.storage import open_archive, open_whole, read_array, refused, write_archive
 from jssa_gym.train.checkpoint import LARGEST
+from jssa_gym.train.lagrangian import CostBuffer
 
 PARAMETERS, STATISTICS, BUFFER = "parameters.pt", "statistics.npz", "buffer.npz"
 """Files of a checkpoint."""
@@ -126,12 +128,16 @@ def load_statistics(model: BaseAlgorithm, path: Path) -> None:
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
+def _columns(buffer: ReplayBuffer) -> tuple[str, ...]:
+    return (*_COLUMNS, "costs") if isinstance(buffer, CostBuffer) else _COLUMNS
+
+
 def save_buffer(model: OffPolicyAlgorithm, file: IO[bytes]) -> None:
     """The filled part of the replay buffer."""
     buffer = model.replay_buffer
     assert buffer is not None
     filled = buffer.size()
-    columns = {name: getattr(buffer, name)[:filled] for name in _COLUMNS}
+    columns = {name: getattr(buffer, name)[:filled] for name in _columns(buffer)}
     write_archive(file, {**columns, "cursor": np.array([buffer.pos, buffer.full], np.int64)})
 
 
@@ -143,8 +149,8 @@ def load_buffer(model: OffPolicyAlgorithm, path: Path) -> None:
     """
     buffer = model.replay_buffer
     assert buffer is not None
-    whole = {name: getattr(buffer, name) for name in _COLUMNS}
-    (cursor,) = _read(path, {"cursor": np.zeros(2, np.int64)}, among=_COLUMNS).values()
+    whole = {name: getattr(buffer, name) for name in _columns(buffer)}
+    (cursor,) = _read(path, {"cursor": np.zeros(2, np.int64)}, among=whole).values()
     pos, full = (int(x) for x in cursor)
     if full not in (0, 1) or not 0 <= pos < buffer.buffer_size:
         raise CheckpointError(f"{path} does not hold this training's replay buffer: its cursor is {pos}, {full}")

@@ -1,23 +1,60 @@
 """Many environments of a training in one vector, as Stable-Baselines3 takes them."""
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from jssa_gym.control.vector import VectorCommands
+from jssa_gym.control.vector import VectorJPCAction
 from jssa_gym.entry_points import make_vector
-from jssa_gym.envs.vector import VectorArmEnv
+from jssa_gym.envs.vector import VectorActionRepeat, VectorArmEnv
 from jssa_gym.evaluation.record_vector import VectorRecordSafety
 from jssa_gym.registration import ENTRIES
 from jssa_gym.shields.vector import VectorShield
 from jssa_gym.train.config import TrainConfig
 from jssa_gym.train.environment import ENDINGS
 from jssa_gym.types import Array
+from jssa_gym.vectors import Infos
+
+
+class _Told(VectorWrapper):
+    """What learners are told of the shield in every tick: a penalty in the reward, its change in the observation."""
+
+    def __init__(self, env: VectorEnv, config: TrainConfig) -> None:
+        super().__init__(env)
+        self._weight = config.penalty if config.penalises else 0.0
+        self._observes = config.observe_intervention
+        if self._observes:
+            space = env.single_observation_space
+            assert isinstance(space, gym.spaces.Box)
+            low, high = np.append(space.low, np.float32(0.0)), np.append(space.high, np.float32(1.0))
+            self.single_observation_space = gym.spaces.Box(low, high, dtype=np.float32)
+            self.observation_space = batch_space(self.single_observation_space, env.num_envs)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, Infos]:
+        observations, infos = self.env.reset(seed=seed, options=options)  # ty: ignore[invalid-argument-type]  # or a list
+        return self._observed(observations, np.zeros(self.num_envs)), infos
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, Infos]:
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        change = _change(infos)
+        if self._weight:
+            rewards = rewards + -self._weight * change
+        return self._observed(observations, change), rewards, terminated, truncated, infos
+
+    def _observed(self, observations: NDArray[np.float32], last: Array) -> NDArray[np.float32]:
+        if not self._observes:
+            return observations
+        return np.concatenate([observations, last[:, None].astype(np.float32)], axis=1)
 
 
 class ArmVecEnv(VecEnv):
@@ -25,7 +62,7 @@ class ArmVecEnv(VecEnv):
 
     It gives, bit for bit, what a ``DummyVecEnv`` of :func:`~jssa_gym.train.environment.training_env` gives; the
     dictionaries in ``infos`` have what Stable-Baselines3 and :func:`~jssa_gym.train.train` read at the ends of
-    episodes, and ``TimeLimit.truncated``, no more.
+    episodes, ``TimeLimit.truncated`` and ``cost``, no more.
 
     Args:
         config: The training.
@@ -44,24 +81,16 @@ class ArmVecEnv(VecEnv):
         )
         arms = made.unwrapped
         assert isinstance(arms, VectorArmEnv)
-        self.arms, self._config = arms, config
-        # an episode that ends while an action is repeated waits for the others
-        arms.waits = True
-        self._env = VectorRecordSafety(made)
+        self.arms = arms
         self._shield = made if isinstance(made, VectorShield) else None
-        self._commands = None
+        env: VectorEnv = _Told(VectorRecordSafety(made), config)
         if config.control != "jerk":
-            self._commands = VectorCommands(arms.robot, config.control, config.share)
-        size = arms.robot.n if self._commands is None else self._commands.size
+            env = VectorJPCAction(env, mode=config.control, share=config.share)
+        self._env = VectorActionRepeat(env, config.ticks, "Disabled", ("cost", "is_success", "safety"))
         self._returns, self._begun = np.zeros(config.envs), time.time()
         self._lengths = np.zeros(config.envs, np.int64)
-        self._actions: NDArray[Any] = np.zeros((config.envs, size))
-        space = arms.single_observation_space
-        assert isinstance(space, gym.spaces.Box)
-        if config.observe_intervention:
-            low, high = np.append(space.low, np.float32(0.0)), np.append(space.high, np.float32(1.0))
-            space = gym.spaces.Box(low, high, dtype=np.float32)
-        super().__init__(config.envs, space, gym.spaces.Box(-1.0, 1.0, (size,), np.float32))
+        self._actions: NDArray[Any] = np.zeros(env.action_space.shape or ())
+        super().__init__(config.envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> VecEnvObs:
         """Reset all environments, with the seeds of :meth:`seed`."""
@@ -69,7 +98,7 @@ class ArmVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
-        return self._observed(observations, np.zeros(self.num_envs))
+        return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Take actions, shape (E, size)."""
@@ -77,52 +106,21 @@ class ArmVecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Apply every action for its ticks, or to the end of its episode."""
-        count, total = self.num_envs, np.zeros(self.num_envs)
-        running, last, success = np.ones(count, np.bool_), np.zeros(count), np.zeros(count, np.bool_)
-        ends, safety, reasons = np.zeros((2, count), np.bool_), [None] * count, [""] * count
-        for _ in range(self._config.ticks):
-            observations, rewards, terminated, truncated, infos = self._env.step(self._jerk())
-            change = _change(infos)
-            if self._config.penalises:
-                rewards = rewards + -self._config.penalty * change
-            total[running] += rewards[running]
-            last[running] = change[running]
-            success |= running & infos["is_success"]
-            over = running & (terminated | truncated)
-            ends[:, over] = terminated[over], truncated[over]
-            if self._shield is not None and over.any():
-                reasons = [new if o else old for o, new, old in zip(over, self._shield.reasons(), reasons, strict=True)]
-            for e in np.flatnonzero(over).tolist():
-                safety[e] = {name: array[e].item() for name, array in infos["safety"].items() if name[0] != "_"}
-            running &= ~over
-            if not running.any():
-                break
-        self._returns += total
+        seen, rewards, terminated, truncated, infos = self._env.step(self._actions)
+        self._returns += rewards
         self._lengths += 1
-        seen, done = self._observed(observations, last), ~running
-        told = [{"TimeLimit.truncated": False} for _ in range(count)]
-        for e in np.flatnonzero(done).tolist():
-            cut = bool(ends[1, e] and not ends[0, e])
-            told[e] = self._end(e, cut, bool(success[e]), seen[e].copy()) | {
-                "safety": safety[e],
-                "shield/reason": reasons[e],
-            }
+        done = terminated | truncated
+        told: list[dict[str, Any]] = [{"TimeLimit.truncated": False, "cost": x} for x in infos["cost"].tolist()]
         if done.any():
-            observations, _ = self._env.reset(options={"reset_mask": done})
-            last[done] = 0.0
-            seen = self._observed(observations, last)
-        return seen, total.astype(np.float32), done, told
-
-    def _jerk(self) -> NDArray[Any]:
-        """What this tick's actions mean, in jerk bounds, shape (E, n)."""
-        if self._commands is None:
-            return self._actions
-        return self._commands.jerk(self.arms.state, self._actions.astype(np.float64))
-
-    def _observed(self, observations: NDArray[np.float32], last: Array) -> NDArray[np.float32]:
-        if not self._config.observe_intervention:
-            return observations
-        return np.concatenate([observations, last[:, None].astype(np.float32)], axis=1)
+            reasons = [""] * self.num_envs if self._shield is None else self._shield.reasons()
+            for e in np.flatnonzero(done).tolist():
+                cut = bool(truncated[e] and not terminated[e])
+                told[e] |= self._end(e, cut, bool(infos["is_success"][e]), seen[e].copy()) | {
+                    "safety": {name: array[e].item() for name, array in infos["safety"].items() if name[0] != "_"},
+                    "shield/reason": reasons[e],
+                }
+            seen = np.where(done[:, None], self._env.reset(options={"reset_mask": done})[0], seen)
+        return seen, rewards.astype(np.float32), done, told
 
     def _end(self, e: int, cut: bool, success: bool, seen: NDArray[np.float32]) -> dict[str, Any]:
         """What is told of an episode that ended; as Stable-Baselines3's ``Monitor`` and ``DummyVecEnv`` tell it."""

@@ -9,7 +9,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from commands import WITHOUT, cli, one_line
+from commands import TINY, WITHOUT, cli, one_line
 from places import PATIENCE
 
 from jssa_gym import plots
@@ -17,11 +17,6 @@ from jssa_gym.cli.train import Train
 from jssa_gym.exceptions import MissingExtraError, ParameterError
 from jssa_gym.policies import load_policy
 from jssa_gym.train import PPO, SAC, TrainConfig, config, preset
-
-TINY = (
-    *("train", "--algorithm", "ppo", "--steps", "128", "--interval", "64", "--envs", "2", "--eval-episodes", "1"),
-    *("--set", "width=16", "rollout=64", "batch_size=32", "n_epochs=2"),
-)
 
 
 def test_help_is_there_without_torch():

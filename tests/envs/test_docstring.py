@@ -89,7 +89,10 @@ def test_the_arguments_are_those_of_the_class():
     ("name", "values"),
     [
         ("task", list(TASKS)),
-        *((name, list(get_args(get_type_hints(ArmEnv.__init__)[name]))) for name in ("dynamics", "scene")),
+        *(
+            (name, list(get_args(get_type_hints(ArmEnv.__init__)[name])))
+            for name in ("dynamics", "scene", "observation")
+        ),
         ("render_mode", ["rgb_array", "human"]),
     ],
 )

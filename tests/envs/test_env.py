@@ -60,7 +60,10 @@ def rewards(task):
     return {f"reward/{term.name}": float for term in (*task.terms, *COMMON_TERMS)}
 
 
-TASK_INFO = {"track": {"track/visited": int, "track/lateness": float, "track/error": float}}
+TASK_INFO = {
+    "track": {"track/visited": int, "track/lateness": float, "track/error": float},
+    "deliver": {"deliver/legs": int, "deliver/deliveries": int, "deliver/per_minute": float},
+}
 
 
 def still(distance=0.62):
@@ -343,6 +346,8 @@ def expected_observation(env, state, goal):
             "due": 1.0 - share,
             "visited": 0.0,
         }
+    if env.task.name == "deliver":  # nothing was fetched yet
+        own |= {"other": env._goal[1] - tip - up, "done": 0.0, "stay": 0.0}
     return {
         "position": (q - (low + high) / 2.0) / ((high - low) / 2.0),
         "velocity": v / velocity,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from vectored import same_infos, without_words
 
 import jssa_gym
 from jssa_gym.envs.tasks import TASKS, Reach, Track
@@ -19,32 +20,7 @@ from jssa_gym.robots import ROBOTS
 from jssa_gym.shields import FILTERS, PROFILES, JSSAFilter, JSSAShield, Shield, make_filter
 from jssa_gym.shields.vector import VectorShield
 
-WORDS = ("shield/reason", "shield/kind")
-"""What vectors say in codes."""
-
 MODES = list(AutoresetMode)
-
-
-def same_infos(one, other, what):
-    assert set(one) == set(other), what
-    for key, value in one.items():
-        if isinstance(value, dict):
-            same_infos(value, other[key], f"{what}: {key}")
-        elif value.dtype == object:
-            for a, b in zip(value, other[key], strict=True):
-                np.testing.assert_array_equal(a, b, err_msg=f"{what}: {key}")
-        else:
-            assert value.dtype == other[key].dtype, f"{what}: {key}"
-            np.testing.assert_array_equal(value, other[key], err_msg=f"{what}: {key}")
-
-
-def without_words(infos):
-    """Infos without the words, and the words."""
-    words = {key: infos[key] for key in WORDS if key in infos}
-    rest = {key: value for key, value in infos.items() if key.removeprefix("_") not in WORDS}
-    if "final_info" in rest:
-        rest["final_info"] = without_words(rest["final_info"])[0]
-    return rest, words
 
 
 class Pair:

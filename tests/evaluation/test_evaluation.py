@@ -134,6 +134,7 @@ def test_a_summary_by_hand():
         n_collisions_robot_fault=None,
         n_collisions_human_fault=None,
         n_collisions_shared_fault=None,
+        energy_ratio=None,
         n_collisions_self=None,
         n_collisions_static=None,
         n_actions_not_finite=0,
@@ -150,6 +151,7 @@ def test_a_summary_by_hand():
         path_length=None,
         tracking_error=None,
         tracking_error_end=None,
+        deliveries_per_minute=None,
         # (5/10)² + (16/20)² + (9/10)² + (2/20)² over 12
         jerk_rms=pytest.approx(np.sqrt((0.25 + 0.64 + 0.81 + 0.01) / 12.0)),
         # from 5 to -9 where 10 is the bound; nobody had asked for it

@@ -14,7 +14,10 @@ from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import rollout
 from jssa_gym.palette import COLOURS, rgb
 from jssa_gym.plots import style
+from jssa_gym.rates import Rate
 from jssa_gym.safety.index import IndexParams
+from jssa_gym.train import Band, LearningCurve
+from jssa_gym.train.curves import MEASURES
 
 
 @pytest.fixture(scope="module")
@@ -23,10 +26,12 @@ def trace():
     return rollout(env, HoldPolicy(env), seed=0, steps=60, name="x")
 
 
-@pytest.fixture(params=["profile", "portraits", "shifts", "sensitivity", "degradation"])
+@pytest.fixture(params=["profile", "portraits", "shifts", "sensitivity", "degradation", "learning"])
 def figure(request, trace, robot):
     index = IndexParams(d_min=0.05, lambda1=1.0, lambda2=0.5)
     curve = plots.Curve([1, 2], [0.0, 0.5], [0.0, 0.4], [0.1, 0.6], [0.0, 0.9])
+    band = Band((0.0, 0.5), (0.0, 0.4), (0.1, 0.6))
+    learnt = LearningCurve("a", 3, (64, 128), (30.0, 60.0), True, dict.fromkeys(MEASURES, band), Rate.of(1, 10))
     table = {"one": np.arange(4.0).reshape(2, 2, 1)}
     return {
         "profile": lambda: plots.profile([trace, trace], robot.limits, 0.05),
@@ -34,6 +39,7 @@ def figure(request, trace, robot):
         "shifts": lambda: plots.shifts(index, 2.0, 1.0),
         "sensitivity": lambda: plots.sensitivity(table, [1.0, 2.0], [1.0, 2.0], ["distance [m]"]),
         "degradation": lambda: plots.degradation(curve, curve),
+        "learning": lambda: plots.learning([learnt, learnt]),
     }[request.param]()
 
 

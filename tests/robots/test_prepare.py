@@ -321,6 +321,8 @@ def test_reports_certificates_and_pages_say_of_which_links_nothing_is_promised(s
     Compare(**names, out=tmp_path / "compared", **few).run()
     assert told in " ".join(capsys.readouterr().out.split())
     assert told in (tmp_path / "compared" / "report.html").read_text().split("<h2", 1)[0]
+    Compare(**names, out=tmp_path / "compared", json=True, **few).run()
+    assert [one["uncovered"] for one in json.loads(capsys.readouterr().out)] == [["link 3 joint"]] * 2
     # whatever the environment is made by
     kwargs = {"robot": folder, "human": "none"}
     report = evaluate("jssa_gym/Home-v0", "hold", 1, env_kwargs=kwargs, steps=5)
@@ -333,6 +335,7 @@ def test_reports_certificates_and_pages_say_of_which_links_nothing_is_promised(s
     with contextlib.suppress(SystemExit):  # whether it holds
         Certify(robot=folder, states=50, search=False, authority=0.0, out=tmp_path / "certified").run()
     assert told in " ".join(capsys.readouterr().out.split())
+    assert json.loads((tmp_path / "certified" / "certificate.json").read_text())["uncovered"] == ["link 3 joint"]
 
 
 def test_the_live_page_promises_nothing_of_uncovered_links(save, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 import jssa_gym
 from jssa_gym import FILTERS, ArmEnv, SensorModel, Shield, Status, make_filter
 from jssa_gym.kernels.people import BROKEN, COVERED, LOST, NEVER
-from jssa_gym.kernels.verification import HALF_SPACE, REACH, SELF, STATIC
+from jssa_gym.kernels.verification import ENTRY, HALF_SPACE, REACH, SELF, STATIC
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import reasons
 from jssa_gym.shields.reasons import FAULTS, FIXTURES, REASONS, SAMPLES, UNFIT, reason_code
@@ -107,6 +107,7 @@ def tell(robot, make_scene):
 
 VARIETIES = {
     codes.REACH: [{"detail": REACH}],
+    codes.ENTRY: [{"detail": ENTRY}],
     codes.MEETS: [{"detail": kind} for kind in (HALF_SPACE, STATIC, SELF)],
     codes.SCENE: [{"detail": what} for what in range(len(FIXTURES))],
     codes.PEOPLE: [{"detail": what} for what in (0, NO_TIME, BACK)],
@@ -141,7 +142,7 @@ def test_every_code_is_told_in_words_of_its_own(tell, code):
 
 
 def test_a_stop_that_is_not_verified_says_what_is_in_the_way(tell):
-    for code in (codes.LIMITS, codes.UNDECIDED, codes.REACH, codes.MEETS):
+    for code in (codes.LIMITS, codes.UNDECIDED, codes.REACH, codes.MEETS, codes.ENTRY):
         kind = VARIETIES.get(code, [{}])[0]
         alone, text = tell(code, **kind), tell(code, status=Status.FAULT, **kind)
         assert text == f"no verified stop: {alone}"

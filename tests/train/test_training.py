@@ -46,6 +46,7 @@ def test_a_training_leaves_what_it_promises(tmp_path):
         "history.csv",
         "last.npz",
         "tensorboard",
+        "training.json",
     ]
     assert watched == list(range(2, 257, 2))
     assert len(told) == 1

@@ -1,5 +1,6 @@
 """What the arm is to do, by name."""
 
+from jssa_gym.envs.tasks.deliver import Deliver
 from jssa_gym.envs.tasks.joints import Home, Track
 from jssa_gym.envs.tasks.task import COMMON_TERMS, Moment, Progress, RewardTerm, Task
 from jssa_gym.envs.tasks.tip import Handover, Reach
@@ -9,6 +10,7 @@ from jssa_gym.validation import known_name
 __all__ = [
     "COMMON_TERMS",
     "TASKS",
+    "Deliver",
     "Handover",
     "Home",
     "Moment",

@@ -173,7 +173,7 @@ class Track(Task):
         return begin + x**3 * (10.0 - 15.0 * x + 6.0 * x**2) * (goal[leg] - begin)
 
     def advance(self, goal: Array, moment: Moment, velocity: Array, dt: float) -> Progress:
-        start, visited, clock, lateness, _ = moment.progress
+        start, visited, clock, lateness, *_ = moment.progress
         if visited < len(goal) and _root_mean_square(goal[visited] - moment.position) <= self.tolerance:
             visited += 1
         now = min(clock + dt, self._due(visited, len(goal)))
@@ -188,9 +188,12 @@ class Track(Task):
         """When the next waypoint is due, or the last was [s]."""
         return min(visited + 1, count) * self.period
 
+    def desired(self, goal: Array, progress: Progress) -> Array:
+        return goal[min(progress.visited, len(goal) - 1)]
+
     def observe(self, goal: Array, moment: Moment) -> Array:
         progress, count = moment.progress, len(goal)
-        following = goal[min(progress.visited, count - 1)]
+        following = self.desired(goal, progress)
         due = self._due(progress.visited, count) - progress.clock
         reference = self.reference(goal, progress)
         return np.concatenate(

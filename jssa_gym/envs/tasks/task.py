@@ -18,13 +18,16 @@ class Progress(NamedTuple):
     start: Array | None = None
     """Joint position that the episode began at, shape (n,) [rad]; None for the first waypoint."""
     visited: int = 0
-    """Waypoints visited in order."""
+    """Waypoints visited in order, or legs done."""
     clock: float = 0.0
-    """Time of the reference [s]: it stands still while the waypoint that is due was not visited."""
+    """Time of the reference [s]: it stands still while the waypoint that is due was not visited; of deliveries, the
+    time until the last."""
     lateness: float = 0.0
     """For how long it stood still [s]."""
     arrived: bool = False
-    """Whether everything was visited, the reference is at its end and the joints are at rest."""
+    """Whether everything was visited, the reference is at its end and the joints are at rest; or all was delivered."""
+    stayed: float = 0.0
+    """For how long the tool has been at the place that is next, at rest [s]."""
 
 
 class Moment(NamedTuple):
@@ -73,11 +76,11 @@ class Task(ABC):
     terms: ClassVar[tuple[RewardTerm, ...]]
     """The task's own terms; :data:`COMMON_TERMS` follow."""
     hold_time: ClassVar[float] = 0.1
-    """For how long :meth:`reached` has to hold for success [s]."""
+    """For how long :meth:`reached` has to hold for success [s]; 0 for one step."""
     ends: ClassVar[bool] = True
     """Whether success may end an episode."""
     evolves: ClassVar[bool] = False
-    """Whether :meth:`follow` and :meth:`advance` do something; if not, a step is spared the calls."""
+    """Whether :meth:`follow`, :meth:`advance` and their like do something; if not, a step is spared the calls."""
 
     @abstractmethod
     def features(self, robot: RobotModel) -> tuple[Feature, ...]:
@@ -106,9 +109,21 @@ class Task(ABC):
         """
         return (value,) if len(self.terms) == 1 else (value, float(success))
 
+    def rewarded_at(self, goal: Array, moment: Moment, value: float, success: bool) -> tuple[float, ...]:
+        """Values of :attr:`terms` of a task that :attr:`evolves`, where they depend on more than ``value``."""
+        return self.rewarded(value, success)
+
     @abstractmethod
     def reached(self, value: float, moment: Moment) -> bool:
         """Whether the goal is met at this moment; ``value`` is what :meth:`value` says of it."""
+
+    def present(self, goal: Array, progress: Progress) -> Array:
+        """What of the goal is to be met next: what ``env.unwrapped.goal`` says; most goals are one."""
+        return goal
+
+    def desired(self, goal: Array, progress: Progress) -> Array:
+        """The point (3,) [m] or joint position (n,) [rad] that is to be met next, for ``observation="goal"``."""
+        return self.present(goal, progress)
 
     def follow(self, goal: Array, people: CapsuleSet) -> Array:
         """The goal among the people as they are now; most goals stay.

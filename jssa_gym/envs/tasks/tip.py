@@ -22,6 +22,40 @@ HAND = "right_arm"
 """Body part whose end is the hand that takes what the arm brings."""
 
 
+def draw_point(rng: np.random.Generator, robot: RobotModel, planes: Planes) -> Array:
+    """Tip of a random posture around home that is clear of table and itself, in front of the base, shape (3,) [m].
+
+    Raises:
+        ParameterError: None was found.
+    """
+    low, high = robot.limits.position.T
+    around = 0.35 * (high - low)
+    # a range that does not hold 0 has ends that are nearer to it than 5 %
+    inner = np.maximum(0.95 * low, low), np.minimum(0.95 * high, high)
+    off_planes, off_itself = room(robot, planes, (0.05, 0.02))
+    away = min(0.3, 0.3 * reach_of(robot))
+    for _ in range(1000):
+        posture = np.clip(robot.home + rng.uniform(-around, around), *inner)
+        from_planes, from_itself = clearances(robot, posture, planes)
+        tip = tool_point(robot, posture)
+        aside = np.hypot(tip[0] - robot.mount[0], tip[1] - robot.mount[1])
+        if from_planes > off_planes and from_itself > off_itself and aside > away:
+            return tip
+    raise ParameterError(
+        f"found no reachable target for {robot.name} that is clear of table and arm; at home "
+        f"{nearest(robot, robot.home, planes)}"
+    )
+
+
+def check_in_reach(robot: RobotModel, point: Array) -> None:
+    """Refuse a point, shape (3,) [m], that is farther away than the arm is long, with a ParameterError."""
+    if farther_than_stretched(robot, point):
+        shoulder, length = robot.links["offset"][0].round(3).tolist(), reach_of(robot)
+        raise ParameterError(
+            f"goal {point.tolist()} m cannot be reached: {robot.name} is {length:.2f} m long from {shoulder} m on"
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class TipTask(Task):
     """Be at a point with the tool centre point, at rest; subclasses say which.
@@ -72,32 +106,11 @@ class Reach(TipTask):
         return (Feature("goal", 3, (1.0,), -FAR, FAR, "target minus tool centre point, world axes [m]"),)
 
     def draw_goal(self, rng: np.random.Generator, robot: RobotModel, planes: Planes) -> Array:
-        """Tip of a random posture around home that is clear of table and itself, in front of the base."""
-        low, high = robot.limits.position.T
-        around = 0.35 * (high - low)
-        # a range that does not hold 0 has ends that are nearer to it than 5 %
-        inner = np.maximum(0.95 * low, low), np.minimum(0.95 * high, high)
-        off_planes, off_itself = room(robot, planes, (0.05, 0.02))
-        away = min(0.3, 0.3 * reach_of(robot))
-        for _ in range(1000):
-            posture = np.clip(robot.home + rng.uniform(-around, around), *inner)
-            from_planes, from_itself = clearances(robot, posture, planes)
-            tip = tool_point(robot, posture)
-            aside = np.hypot(tip[0] - robot.mount[0], tip[1] - robot.mount[1])
-            if from_planes > off_planes and from_itself > off_itself and aside > away:
-                return tip
-        raise ParameterError(
-            f"found no reachable target for {robot.name} that is clear of table and arm; at home "
-            f"{nearest(robot, robot.home, planes)}"
-        )
+        return draw_point(rng, robot, planes)
 
     def check_goal(self, goal: ArrayLike, robot: RobotModel) -> Array:
         point = real_array("goal", goal, (3,), "a point in world coordinates [m]")
-        if farther_than_stretched(robot, point):
-            shoulder, length = robot.links["offset"][0].round(3).tolist(), reach_of(robot)
-            raise ParameterError(
-                f"goal {point.tolist()} m cannot be reached: {robot.name} is {length:.2f} m long from {shoulder} m on"
-            )
+        check_in_reach(robot, point)
         return point
 
 

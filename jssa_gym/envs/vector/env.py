@@ -11,6 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import DT, MOVING, ArmEnv
+from jssa_gym.envs.observation import bodies
 from jssa_gym.envs.tasks import Task
 from jssa_gym.envs.vector.options import checked_mask, checked_mode, checked_seeds, refuse_singular
 from jssa_gym.envs.vector.people import beside, refuse_foreign
@@ -41,6 +42,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
     Args:
         num_envs: How many.
         task, human, scene, robot, terminate_on, d_min, dt: As of :class:`~jssa_gym.ArmEnv`.
+        observation: ``"closest"`` or ``"full"``; dictionaries are single environments'.
         dynamics: ``"kinematic"``; MuJoCo simulates one arm at a time.
         max_episode_steps: Steps after which an episode is truncated; None for never.
         autoreset_mode: When those that are over begin anew, an ``AutoresetMode`` or its value.
@@ -64,16 +66,18 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         d_min: float = 0.05,
         dt: float = DT,
         max_episode_steps: int | None = HORIZON,
+        observation: Literal["closest", "full"] = "closest",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:
         self.num_envs = count = positive_integer("num_envs", num_envs)
-        refuse_singular(dynamics, render_mode)
+        refuse_singular(dynamics, observation, render_mode)
         self.autoreset_mode = checked_mode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self._limit = np.inf if max_episode_steps is None else positive_integer("max_episode_steps", max_episode_steps)
         self.prototype = one = ArmEnv(
-            task, human=human, scene=scene, robot=robot, terminate_on=terminate_on, d_min=d_min, dt=dt
+            task, human=human, scene=scene, robot=robot, terminate_on=terminate_on, d_min=d_min, dt=dt,
+            observation=observation,
         )  # fmt: skip
         """A single environment like all of them: what begins their episodes."""
         refuse_foreign(one.human)
@@ -220,7 +224,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
             if again.any():
                 # copies: in what is said now, beginnings take the place of ends
                 ends = {key: value.copy() for key, value in values.items()}
-                infos = _final(self._observations, as_infos(ends, again), again)
+                infos = final_infos(self._observations, as_infos(ends, again), again)
         if again.any():
             for key, value in self._begin(again, [None] * self.num_envs, {}).items():
                 values[key][again] = value[again]
@@ -287,7 +291,10 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
             | ((seen.distance <= 0.0) & one._ends_contact)
         )
         observations = np.empty_like(self._observations)
-        observe_all(self.state, seen, task.observe(moments), one._scaling, observations)
+        own = task.observe(moments)
+        if one._parts:
+            own = np.concatenate([bodies(crowd.ends, self.robot.mount, one._parts), own], axis=1)
+        observe_all(self.state, seen, own, one._scaling, observations)
         return values, rewards, terminated, observations
 
     def _told(self, jerk: Array, success: Mask) -> dict[str, NDArray[Any]]:
@@ -313,7 +320,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         """Nothing is open."""
 
 
-def _final(observations: NDArray[np.float32], infos: Infos, who: Mask) -> Infos:
+def final_infos(observations: NDArray[np.float32], infos: Infos, who: Mask) -> Infos:
     """The ends of episodes, as Gymnasium's vectors tell them."""
     last = np.full(len(who), None, object)
     for e in np.flatnonzero(who):

@@ -10,11 +10,16 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.vectors import Mask
 
 
-def refuse_singular(dynamics: str, render_mode: str | None) -> None:
+def refuse_singular(dynamics: str, observation: str, render_mode: str | None) -> None:
     """Refuse what is done for one arm at a time, with a ParameterError."""
     if dynamics == "servo":
         raise ParameterError(
             "dynamics='servo' is MuJoCo's, one arm at a time: take dynamics='kinematic', or vectorization_mode='sync'"
+        )
+    if observation == "goal":
+        raise ParameterError(
+            "observation='goal' is a dictionary, which vectors do not make: take vectorization_mode='sync', or "
+            "observation='closest' or 'full'"
         )
     if render_mode is not None:
         raise ParameterError(

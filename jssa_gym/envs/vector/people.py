@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Nobody, Steered, make_human, nobody
+from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Nobody, Paced, Steered, make_human, nobody
 from jssa_gym.humans.hand import Gesturer
 from jssa_gym.humans.walker import Walker
 from jssa_gym.kernels.limbs import GESTURE, LIMB, go_on
@@ -29,6 +29,13 @@ def refuse_foreign(motion: HumanMotion) -> None:
     if isinstance(motion, Crowd) and type(motion) is Crowd:
         for one in motion.motions:
             refuse_foreign(one)
+    elif motion.names is not None:
+        raise ParameterError(
+            f"{type(motion).__name__} come and go, and a vector has the same people throughout: take "
+            "vectorization_mode='sync'"
+        )
+    elif type(motion) is Paced:
+        refuse_foreign(motion.motion)
     elif type(motion) not in _OURS:
         raise ParameterError(
             f"people of the kind {type(motion).__name__} are moved by Python of your own: vectors take "

@@ -1,12 +1,14 @@
 """The package's tasks for many arms at once: the same numbers as :mod:`jssa_gym.envs.tasks` has for one."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.envs.tasks import Handover, Home, Progress, Reach, Task, Track
+from jssa_gym.envs.tasks import Deliver, Handover, Home, Progress, Reach, Task, Track
+from jssa_gym.envs.tasks.deliver import ROUNDING
 from jssa_gym.envs.tasks.tip import HAND, NEAR, TipTask
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.tick.moves import before_hands, distances, ease, squash
@@ -108,6 +110,54 @@ class HandoverBatch(TipBatch):
         before_hands(ends[:, 1, self._hand], self.task.offset, self.goal)
 
 
+class DeliverBatch(TipBatch):
+    """Tool centre points go back and forth; ``goal`` are the places that are next."""
+
+    def __init__(self, task: Deliver, count: int, n: int, names: Sequence[str]) -> None:
+        super().__init__(task, count, n, names)
+        self._arms, self._places = np.arange(count), np.zeros((count, 2, 3))
+        self._visited = np.zeros(count, np.int64)
+        self._clock, self._stayed, self._apart = np.zeros((3, count))
+
+    def begin(self, e: int, goal: Array, progress: Progress) -> None:
+        self._places[e], self._apart[e] = goal, math.dist(*goal)
+        self._visited[e], self._clock[e], self._stayed[e] = progress.visited, progress.clock, progress.stayed
+        super().begin(e, self.task.present(goal, progress), progress)
+
+    def advance(self, moments: Moments, ends: Array, live: Mask, dt: float) -> None:
+        task, under_way = self.task, live & (self._visited < self.task.legs)
+        there = super().reached(self.value(moments), moments)
+        stayed = np.where(there, self._stayed + dt, 0.0)
+        done = under_way & (stayed >= task.stay - ROUNDING)
+        self._visited += done
+        self._stayed = np.where(under_way & ~done, stayed, 0.0)
+        self._clock = np.where(under_way, self._clock + dt, self._clock)
+        self.goal = self._places[self._arms, self._following()]
+
+    def _following(self) -> NDArray[np.int64]:
+        """Which place is next, or was the last, shape (E,)."""
+        return np.minimum(self._visited, self.task.legs - 1) % 2
+
+    def reached(self, value: Array, moments: Moments) -> Mask:
+        return (self._visited == self.task.legs) & (value <= self.task.tolerance)
+
+    def rewarded(self, value: Array, success: Mask) -> tuple[Array, ...]:
+        after = np.maximum(self.task.legs - 1 - self._visited, 0)
+        _, near, succeeded = super().rewarded(value, success)
+        return value + after * self._apart, near + after, succeeded
+
+    def observe(self, moments: Moments) -> Array:
+        other = self._places[self._arms, 1 - self._following()] - moments.tip
+        done = self._visited / self.task.legs
+        return np.concatenate([super().observe(moments), other, done[:, None], self._stayed[:, None]], axis=1)
+
+    def metrics(self, value: Array) -> dict[str, NDArray[Any]]:
+        deliveries = self._visited // 2
+        rate = np.zeros(len(deliveries))
+        np.divide(60.0 * deliveries, self._clock, out=rate, where=self._clock > 0.0)
+        return {"deliver/legs": self._visited.copy(), "deliver/deliveries": deliveries, "deliver/per_minute": rate}
+
+
 class HomeBatch(TaskBatch):
     """Arms stay at home."""
 
@@ -142,7 +192,7 @@ class TrackBatch(TaskBatch):
             more = np.zeros((len(self.goal), len(goal) - self.goal.shape[1], self.goal.shape[2]))
             self.goal = np.concatenate([self.goal, more], axis=1)
         self.goal[e, : len(goal)], self._counts[e] = goal, len(goal)
-        self._start[e], self._visited[e], self._clock[e], self._lateness[e], self._arrived[e] = progress
+        self._start[e], self._visited[e], self._clock[e], self._lateness[e], self._arrived[e] = progress[:5]
 
     def goal_of(self, e: int) -> Array:
         return self.goal[e, : self._counts[e]]
@@ -195,7 +245,7 @@ class TrackBatch(TaskBatch):
 
 
 _BATCHES: dict[type[Task], type[Any]] = {
-    Home: HomeBatch, Reach: TipBatch, Track: TrackBatch, Handover: HandoverBatch,
+    Home: HomeBatch, Reach: TipBatch, Track: TrackBatch, Handover: HandoverBatch, Deliver: DeliverBatch,
 }  # fmt: skip
 
 
