@@ -50,7 +50,8 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
 
     Returns:
         The vector, or None where something is asked one arm at a time: servos, the projector of OSQP, cameras, sensors
-        that change from episode to episode or have no verified stop behind them, dictionaries, and people, tasks, filters and wrappers of a user's own.
+        that change from episode to episode or have no verified stop behind them, dictionaries, and people, tasks,
+        filters and wrappers of a user's own.
     """
     limits, shield, sensors, one = list[int](), None, list[Any](), cast(Any, env)
     while isinstance(one, gym.Wrapper):
