@@ -9,14 +9,14 @@ from jssa_gym.evaluation.counterfactual import along_stop, false_interventions
 from jssa_gym.evaluation.inertia import Inertia
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.capsules import measure_planes, measure_self
-from jssa_gym.kernels.chain import forward, place, tool_motion
-from jssa_gym.kernels.derivatives import derivatives
+from jssa_gym.kernels.chain import forward, tool_motion
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import plan_stop
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.energy import energy_limit, mass_of
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.safety.proximity import plane_records
+from jssa_gym.tick.course import look_along, place_along
 from jssa_gym.types import Array, Planes, Trace
 
 MOVING_IN = 1e-6
@@ -96,13 +96,8 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
     forward(robot.links, state[0], frames)
     tool_motion(frames, robot.tool_link, robot.tool_offset, tool)
     tip[0] = tool[0]
-    for t in range(count):
-        derivatives(
-            robot.links, robot.capsules, state[t + 1], agents[t], index, frames, segments[t], pairs[t], motion[t], rows,
-            normals[t],
-        )  # fmt: skip
-        tool_motion(frames, robot.tool_link, robot.tool_offset, tool)
-        tip[t + 1] = tool[0]
+    arm = robot.links, robot.capsules, robot.tool_link, robot.tool_offset
+    look_along(arm, state[1:], agents, index, (frames, rows, tool), (segments, pairs, motion, normals, tip[1:]))
     own, plane_pairs = np.full((count, len(robot.self_pairs)), np.inf), records((count, m, len(half_spaces)), PAIR)
     measure_planes(segments.reshape(-1), half_spaces, plane_pairs.reshape(count * m, len(half_spaces)))
     measure_self(segments.reshape(-1), _in_each(robot.self_pairs, count, m), own.reshape(-1))
@@ -165,10 +160,7 @@ def _stops(state: Array, bounds: Array, dt: float) -> NDArray:
 def _shift(robot: RobotModel, position: Array, segments: NDArray) -> Array:
     """The ways of both ends from segments (T, m) to where they are at joint positions (T, n), (T, 2, m, 3) [m]."""
     frames, rested, state = records(robot.n, FRAME), records(segments.shape, SEGMENT), np.zeros((3, robot.n))
-    for t in range(len(position)):
-        state[0] = position[t]
-        forward(robot.links, state, frames)
-        place(frames, robot.capsules, rested[t])
+    place_along(robot.links, robot.capsules, np.ascontiguousarray(position), state, frames, rested)
     return np.stack([rested["start"] - segments["start"], rested["end"] - segments["end"]], axis=1)
 
 
