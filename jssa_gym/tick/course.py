@@ -3,6 +3,7 @@
 from jssa_gym.kernels.chain import forward, place, tool_motion
 from jssa_gym.kernels.derivatives import derivatives
 from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.vector import copy
 
 
 @jit
@@ -27,7 +28,7 @@ def look_along(arm, states, agents, index, scratch, out):
             links, capsules, states[t], agents[t], index, frames, segments[t], pairs[t], motion[t], rows, normals[t]
         )  # fmt: skip
         tool_motion(frames, tool_link, tool_offset, tool)
-        tip[t] = tool[0]
+        copy(tool[0], tip[t])
 
 
 @jit
@@ -43,6 +44,6 @@ def place_along(links, capsules, position, state, frames, segments):
         segments: Results.
     """
     for t in range(position.shape[0]):
-        state[0] = position[t]
+        copy(position[t], state[0])
         forward(links, state, frames)
         place(frames, capsules, segments[t])

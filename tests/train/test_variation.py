@@ -210,7 +210,7 @@ def test_the_shield_holds_whatever_is_drawn():
         (shielded, {"pace": (1.0, 0.5)}, ParameterError, "pace"),
         (lambda: gym.make("Pendulum-v1"), {}, InterfaceError, "ArmEnv"),
     ],
-    ids=str,
+    ids=["fast", "chased", "late", "no sensor", "camera", "more", "none", "turned", "foreign"],
 )
 def test_what_contradicts_the_shield_is_refused(env, ranges, error, told):
     with pytest.raises(error, match=told):
