@@ -31,6 +31,7 @@ from jssa_gym.policies import POLICIES, JPCPolicy, SteeredPolicy, load_policy, s
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, JSSAFilter, JSSAShield, NoFilter, SafetyFilter, Shield
+from jssa_gym.train import Curriculum, DomainRandomisation
 from jssa_gym.train.wrappers import ExecutedAction, InterventionPenalty, ObserveIntervention
 from jssa_gym.types import Status
 
@@ -307,6 +308,10 @@ WRAPPERS = {
     "InterventionPenalty": lambda: InterventionPenalty(told(close_by())),
     "ObserveIntervention": lambda: ObserveIntervention(told(close_by())),
     "ExecutedAction": lambda: ExecutedAction(told(close_by())),
+    "Curriculum": lambda: Curriculum(told(close_by()), 0.5),
+    "DomainRandomisation": lambda: DomainRandomisation(
+        told(SensorModel(close_by(), {"latency": 0.0})), limits=(0.4, 0.9), pace=(0.3, 0.9), latency=(0.0, 0.1)
+    ),
     "Shield": lambda: Shield(env := close_by(), FILTERS["ssa"](env.robot, env.dt)),
     "JSSAShield": lambda: told(close_by()),
 }

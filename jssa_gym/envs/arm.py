@@ -1,7 +1,7 @@
 """The environment: an arm driven by joint jerk beside people."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -469,23 +469,16 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
         achieved = self._around.tip[0] if self.task.space == "tip" else self._actual[0]
         return goals.told(achieved), goals.told(self.task.desired(self._goal, self._progress))
 
-    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """The reward of ``observation="goal"``, for other goals than those that were: Gymnasium-Robotics' convention.
+    @property
+    def compute_reward(self) -> Callable[[Any, Any, Any], Any]:
+        """The reward of ``observation="goal"`` for other goals than those that were.
 
-        Args:
-            achieved_goal, desired_goal: As observed, shape (k,), or (N, k) for many at once.
-            info: Of the step, or a sequence of N of them; terms that it lacks count as 0.
-
-        Returns:
-            −1 where they are farther apart than the task's tolerance, else 0, and the common terms of ``info``: exactly
-            what ``step`` has returned for what it has observed. A number, or an array of shape (N,).
-
-        Raises:
-            ParameterError: The environment observes something else.
+        Called with achieved goal, desired goal and ``info``, as Gymnasium-Robotics has it. Environments that observe
+        something else have no such attribute, by which libraries tell them apart.
         """
         if self._goals is None:
-            raise ParameterError("compute_reward() is of observation='goal', which this environment was not made with")
-        return self._goals.reward(achieved_goal, desired_goal, info)
+            raise AttributeError("compute_reward is of observation='goal', which this environment was not made with")
+        return self._goals.reward
 
     def _observed(self, moment: Moment) -> Any:
         # with servos the policy sees the commanded joints, as the shield does; the tip is the simulated one's

@@ -61,7 +61,16 @@ class Goals:
         return np.sqrt(square if self._tip else square / gap.shape[-1]) > self._tolerance
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, info: Mapping[str, Any] | Sequence[Any]) -> Any:
-        """What it is worth to have achieved one thing where another was desired; see ``ArmEnv.compute_reward``."""
+        """What it is worth to have achieved one thing where another was desired.
+
+        Args:
+            achieved, desired: As observed, shape (k,), or (N, k) for many at once.
+            info: Of the step, or a sequence of N of them; terms that it lacks count as 0.
+
+        Returns:
+            −1 where they are farther apart than the task's tolerance, else 0, and the common terms of ``info``: exactly
+            what ``step`` has returned for what it has observed. A number, or an array of shape (N,).
+        """
         missed = self.missed(achieved, desired)
         total = np.where(missed, GOAL_TERMS[0].weight, 0.0)
         infos = [info] if isinstance(info, Mapping) else info

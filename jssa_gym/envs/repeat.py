@@ -1,5 +1,6 @@
 """A policy that acts more slowly than the arm is controlled."""
 
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -62,6 +63,8 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
             merged |= {key: worst[key] for key in REASONS if key in worst}
         return observation, total, terminated, truncated, merged
 
-    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+    @property
+    def compute_reward(self) -> Callable[[Any, Any, Any], Any]:
         """The environment's own, of ``ticks`` ticks that are all like the last: see ``ArmEnv.compute_reward``."""
-        return self.ticks * self.env.get_wrapper_attr("compute_reward")(achieved_goal, desired_goal, info)
+        inner = self.env.get_wrapper_attr("compute_reward")
+        return lambda achieved, desired, info: self.ticks * inner(achieved, desired, info)
