@@ -48,6 +48,7 @@ TABLES = {
     "Power": Table("guarantees.md", "--preset power", 12),
     "Avoid": Table("guarantees.md", "--out rows", 60),
     "Attack": Table("guarantees.md", "benchmarks/attack.py", 60),
+    "Energy": Table("guarantees.md", "benchmarks/contact_energy.py", 2),
     "Robots": Table("robots.md", "--out cells_ur5e", 4),
     "Camera": Table("sensors.md", "--out camera", 20),
     "Sliding": Table("maths.md", "benchmarks/sliding.py", 10),
