@@ -106,15 +106,16 @@ def body_features(parts: int) -> tuple[Feature, ...]:
 
 
 def bodies(ends: NDArray[np.float64], base: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
-    """Raw values of :func:`body_features`, shape (..., 13 · MOST_PEOPLE · parts).
+    """Raw values of :func:`body_features`, shape (..., 13 · MOST_PEOPLE · parts); capsules beyond that are left out.
 
     Args:
         ends: Starts, ends and their velocities of everybody's capsules, shape (..., 4, k, 3) [m, m/s].
         base: Of the robot, shape (3,) [m].
         parts: Capsules of each person.
     """
-    *shape, _, there, _ = ends.shape
     count = MOST_PEOPLE * parts
+    ends = ends[..., :count, :]
+    *shape, _, there, _ = ends.shape
     out = np.zeros((*shape, 13 * count))
     told = out[..., : 12 * count].reshape(*shape, 4, count, 3)
     told[..., :there, :] = ends

@@ -7,7 +7,7 @@ from gymnasium.utils.env_checker import check_env
 
 import jssa_gym
 from jssa_gym.envs import TASKS, ArmEnv
-from jssa_gym.envs.observation import MOST_PEOPLE, OBSERVATIONS
+from jssa_gym.envs.observation import MOST_PEOPLE, OBSERVATIONS, bodies
 from jssa_gym.envs.tasks import Reach, Track
 from jssa_gym.envs.vector import VectorArmEnv
 from jssa_gym.exceptions import ParameterError
@@ -59,6 +59,12 @@ def test_its_size_does_not_depend_on_how_many_there_are():
     with pytest.raises(ParameterError, match=r"room for 3 people.*take 'closest'"):
         ArmEnv("reach", human=("random",) * 4, observation="full")
     ArmEnv("reach", human=("random",) * 4)
+
+
+def test_who_comes_when_there_is_no_room_left_is_not_observed():
+    told = bodies(np.ones((2, 4, 20, 3)), np.zeros(3), 6)
+    assert told.shape == (2, 13 * 18)
+    np.testing.assert_array_equal(told, 1.0)
 
 
 def test_nobody_is_masked():
