@@ -75,15 +75,18 @@ def test_it_is_a_submission(module, monkeypatch):
     assert isinstance(Shield(gym.make("jssa_gym/Home-v0"), inside).filter, module.CBFpyFilter)
 
 
-def test_cbfpy_itself_and_the_exact_projection_agree(module):
+def test_the_shield_has_little_to_change_in_cbfpys_own_answers(module):
     pytest.importorskip("cbfpy")
-    theirs, ours, changed = module.CBFpyFilter(ROBOT, DT), JSSAFilter(ROBOT, DT), 0
+    theirs, ours, left, asked = module.CBFpyFilter(ROBOT, DT), JSSAFilter(ROBOT, DT, recovery=0.0), [], []
     for k, (scene, nominal) in enumerate(scenes()):
         if k == 0:
             theirs.reset(scene)
             ours.reset(scene)
-        one, other = (tested.decide(scene, nominal) for tested in (theirs, ours))
-        changed += one.status == Status.PROJECTED and other.status == Status.PROJECTED
-        # one keeps the barrier in continuous time, the other at the end of the step
-        np.testing.assert_allclose(one.jerk, other.jerk, atol=0.2 * ROBOT.limits.jerk.max())
-    assert changed > 50
+        one = theirs.decide(scene, nominal)
+        other = ours.decide(scene, one.jerk)
+        if one.status == Status.PROJECTED:
+            asked.append(np.abs(one.jerk - nominal).max())
+            left.append(np.abs(other.jerk - one.jerk).max())
+    assert len(asked) > 50
+    # one keeps the barrier in continuous time, the other at the end of the step
+    assert np.median(left) < 0.2 * np.median(asked)

@@ -142,9 +142,9 @@ class Coming(gym.Env):
         return observation, info
 
     def step(self, action):
-        result = self.env.step(action)
+        observation, reward, *_, info = self.env.step(action)
         self.scene = self.env.scene
-        return result
+        return observation, reward, False, True, info
 
 
 def test_people_who_come_are_refused():
