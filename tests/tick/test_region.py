@@ -240,7 +240,9 @@ def test_exchanged_ids_are_told_apart_by_place(arm):
     places = (-0.5, 0.5)
     for ids in ((1, 2), (2, 1), (1, 2), (2, 1)):
         assert arm.see(together([ball((0.0, y, 1.0), person=p) for y, p in zip(places, ids, strict=True)])) == 0
-        assert len(arm.names) == 2
+        assert arm.persons == list(ids)
+        # all of it is believed
+        assert arm.filter.records.memory.arm[0]["frame"] == pytest.approx(arm.time)
 
 
 def test_a_new_id_of_who_was_there_is_told_by_place(arm):
