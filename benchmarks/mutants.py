@@ -1070,7 +1070,7 @@ MUTANTS = [
         "tick/region.py",
         'if not track["stamp"] > -np.inf or _doubted(memory, k, e):',
         'if not track["stamp"] > -np.inf:',
-        "who_jumps",
+        "hidden_after",
     ),
     _track(
         "a region need not be seen",

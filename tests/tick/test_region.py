@@ -240,7 +240,9 @@ def test_exchanged_ids_are_told_apart_by_place(arm):
     places = (-0.5, 0.5)
     for ids in ((1, 2), (2, 1), (1, 2), (2, 1)):
         assert arm.see(together([ball((0.0, y, 1.0), person=p) for y, p in zip(places, ids, strict=True)])) == 0
-        assert len(arm.names) == 2
+        assert arm.persons == list(ids)
+        # all of it is believed
+        assert arm.filter.records.memory.arm[0]["frame"] == pytest.approx(arm.time)
 
 
 def test_a_new_id_of_who_was_there_is_told_by_place(arm):
@@ -265,6 +267,24 @@ def test_who_jumps_is_not_believed_and_who_was_there_is_not_forgotten(arm):
         # nor does that count as a frame in which everybody is known
         assert arm.filter.records.memory.arm[0]["frame"] == frame
         assert (code != 0) == (k * DT > MAX_AGE + 1e-9)
+
+
+def test_who_is_hidden_after_a_place_that_was_not_believed_is_not_known(arm):
+    hidden = np.zeros(1, np.bool_)
+    arm.see(ball((0.0, 0.5, 1.0), person=1))
+    frame = arm.filter.records.memory.arm[0]["frame"]
+    arm.see(ball((0.0, -0.5, 1.0), person=1))
+    for _ in range(3):
+        arm.see(ball((0.0, -0.5, 1.0), person=1), valid=hidden)
+        # whoever was shown there may be there still, and is no track
+        assert arm.filter.records.memory.arm[0]["frame"] == frame
+
+
+def test_who_was_outside_and_was_then_shown_inside_is_not_dropped(arm):
+    arm.see(ball((1.3, 0.0, 1.0), person=1))
+    arm.see(ball((0.0, 0.5, 1.0), person=1))
+    arm.see(ball((0.0, 0.5, 1.0), person=1), valid=np.zeros(1, np.bool_))
+    assert arm.persons == [1]
 
 
 @pytest.mark.parametrize("age", [0.21, np.nan, np.inf, -1.0])
