@@ -913,7 +913,7 @@ MUTANTS = [
         "control/many.py",
         "marks[0] if marks else NEVER",
         "NEVER",
-        (MANY_JPC, "by_itself"),
+        (MANY_JPC, "were_met"),
     ),
     Mutant(
         "many arms that do not notice that they were thrown off",
