@@ -904,13 +904,6 @@ MUTANTS = [
         (VECTOR_OFFERS, "ends_with_a_reset"),
     ),
     Mutant(
-        "the room of the last episode",
-        "shields/batch.py",
-        'self.answer.told["margin"][which] = np.inf',
-        "pass",
-        (VECTOR_OFFERS, "ends_with_a_reset"),
-    ),
-    Mutant(
         "what an arm of many is offered though it has none",
         "shields/offers.py",
         "return np.where(asked, np.minimum(counts, most), 0)",
@@ -922,14 +915,14 @@ MUTANTS = [
         "control/many.py",
         "min(wake, _wakes(jpc))",
         "wake",
-        (MANY_JPC, "by_itself"),
+        (MANY_JPC, "options"),
     ),
     Mutant(
         "many arms that pass their waypoints by",
         "control/many.py",
         "marks[0] if marks else NEVER",
         "NEVER",
-        (MANY_JPC, "by_itself"),
+        (MANY_JPC, "were_met"),
     ),
     Mutant(
         "many arms that do not notice that they were thrown off",

@@ -10,7 +10,7 @@ from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.vector import copy
 
 
-class Standing(NamedTuple):
+class StandingArm(NamedTuple):
     """An arm and what stands still around it, with room to measure."""
 
     links: NDArray

@@ -4,14 +4,14 @@ import numpy as np
 
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.chain import forward, tool_motion
-from jssa_gym.kernels.postures import Standing
+from jssa_gym.kernels.postures import StandingArm
 from jssa_gym.kernels.records import FRAME, PAIR, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.proximity import agent_records, measure, plane_records
 from jssa_gym.types import Array, CapsuleSet, JointState, Planes
 
 
-def standing(robot: RobotModel, planes: Planes, static: CapsuleSet | None = None) -> Standing:
+def standing(robot: RobotModel, planes: Planes, static: CapsuleSet | None = None) -> StandingArm:
     """An arm among what stands still, for :func:`~jssa_gym.kernels.postures.smallest_gap`.
 
     Args:
@@ -21,7 +21,7 @@ def standing(robot: RobotModel, planes: Planes, static: CapsuleSet | None = None
     """
     agents, half_spaces = agent_records(nobody() if static is None else static), plane_records(planes)
     n, m = robot.n, len(robot.capsules)
-    return Standing(
+    return StandingArm(
         # copies: arrays for reading alone are of another type to kernels, which would be compiled for both
         np.array(robot.links),
         np.array(robot.capsules),

@@ -42,10 +42,12 @@ class Both:
         self.many.begin(np.arange(self.count), range(100, 100 + self.count))
         return self
 
-    def step(self):
+    def step(self, push=0.0):
         actions = self.many(self.seen)
         single = [policy(one) for policy, one in zip(self.policies, self.seen, strict=True)]
         np.testing.assert_array_equal(actions, single)
+        if push:
+            actions, single = np.full_like(actions, push), np.full_like(actions, push)
         self.phases |= {policy.jpc.phase for policy in self.policies}
         self.seen, rewards, terminated, truncated, infos = self.vector.step(actions)
         kinds = self.vector.kinds() if self.shield else []
@@ -104,6 +106,19 @@ def test_who_is_thrown_off_its_path_goes_back_or_brakes() -> None:
 def test_the_paper_s_controllers_do_too(shield) -> None:
     both = Both("track", shield, human="hand", limit=400, yielding=False).reset().play(400)
     assert both.phases >= ({Phase.TRACKING} if shield is None else {Phase.YIELDING, Phase.SETTLING})
+
+
+@pytest.mark.parametrize("yielding", [True, False])
+def test_waypoints_that_were_met_before_somebody_pushes_are_counted(yielding) -> None:
+    both = Both("track", human="none", terminate_on=(), limit=900, yielding=yielding, host_delay=0.0).reset()
+    both.play(240)
+    for _ in range(8):
+        both.step(push=0.3)
+    both.play(120)
+    met = [policy.jpc.met for policy in both.policies]
+    assert [jpc.met for jpc in both.many.controllers] == met
+    assert min(met) >= 1
+    assert yielding or Phase.SETTLING in both.phases
 
 
 @pytest.mark.parametrize(
