@@ -38,11 +38,27 @@ class Pointer:
     """A named tuple in words, which it keeps alive with all their arrays."""
 
     def __init__(self, values: Any) -> None:
-        layout = typeof(values)
-        self._numba_type_ = _PointerType(layout)
+        likeness = _likeness(values)
+        if likeness not in _KNOWN:
+            _KNOWN[likeness] = _PointerType(typeof(values))
+        self._numba_type_ = _KNOWN[likeness]
         self._lent = values
-        self._words = np.array(_words(layout, values), np.int64)
+        self._words = np.array(_words(self._numba_type_.layout, values), np.int64)
         self.address = self._words.ctypes.data
+
+
+_KNOWN: dict[Any, _PointerType] = {}
+"""Types of pointers by the likeness of what they point to: to make one takes numba a millisecond."""
+
+
+def _likeness(value: Any) -> Any:
+    """What of a value its type depends on."""
+    if isinstance(value, tuple):
+        return type(value), *map(_likeness, value)
+    if isinstance(value, np.ndarray):
+        flags = value.flags
+        return value.dtype, value.ndim, flags.c_contiguous, flags.f_contiguous, flags.aligned, flags.writeable
+    return getattr(value, "_numba_type_", type(value))
 
 
 def _words(kind: types.Type, value: Any) -> list[int]:
