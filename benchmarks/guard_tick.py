@@ -3,7 +3,8 @@
     python benchmarks/guard_tick.py                             # times of a tick, 20,000 of each kind of command
     python benchmarks/guard_tick.py --soak 1000000              # a long run; exit status 1 if it breaks a promise
 
-The long run commands everything that can be commanded, sensible and not, beside people who come for the arm. Ticks come
+The long run commands everything that can be commanded, sensible and not, beside people who come for the arm, and
+visitors who come and go. Ticks come
 up to 30 % early or late, one in 2,000 after 1 to 5 ticks without any, one in 5,000 twice; joint positions are measured
 with noise of 0.1 mrad, or not at all; 1 in 1,000 commands, people and stamps are none. What is counted: exceptions,
 ticks beyond a joint limit, answers that are not where the jerks before have led, memory that was not given back.
@@ -20,7 +21,9 @@ import numpy as np
 import jssa_gym
 from jssa_gym.envs.surroundings import Surroundings
 from jssa_gym.humans import make_human, nobody
+from jssa_gym.humans.visitors import HIGH, LOW
 from jssa_gym.kernels.motion import integrate
+from jssa_gym.safety.region import WatchedRegion
 from jssa_gym.types import MeasuredPeople
 
 SHIFT = 1000
@@ -72,7 +75,8 @@ def _turned(rng: np.random.Generator) -> np.ndarray:
 def soak(ticks: int, dt: float, seed: int, humans: list[str], measured: bool) -> dict[str, float]:
     """A long run; see above."""
     late = 6 * dt
-    guard = jssa_gym.Guard(dt=dt, failsafe={"actuation_lag": late})
+    watched = WatchedRegion.box(LOW, HIGH) if "visitors" in humans else None
+    guard = jssa_gym.Guard(dt=dt, failsafe={"actuation_lag": late}, watched=watched)
     guard.start(guard.robot.home)
     robot, rng = guard.robot, np.random.default_rng(seed)
     controller, around = Controller(robot, seed), Surroundings(robot, 6)
@@ -169,7 +173,8 @@ def main() -> int:
     parser.add_argument("--ticks", type=int, default=20_000, help="of each kind, to be timed")
     parser.add_argument("--soak", type=int, default=0, help="ticks of a long run instead")
     parser.add_argument("--dt", type=float, default=0.008, help="control step [s]")
-    parser.add_argument("--human", nargs="+", default=["random", "walk_by", "approach_retreat", "hand", "pursuit"])
+    everybody = ["random", "walk_by", "approach_retreat", "hand", "pursuit", "visitors"]
+    parser.add_argument("--human", nargs="+", default=everybody, help="beside visitors a region is watched")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--unmeasured", action="store_true", help="no joint positions are measured")
     given = parser.parse_args()
