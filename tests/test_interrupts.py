@@ -115,7 +115,7 @@ def test_a_command_that_is_interrupted_twice_goes_on_from_what_it_played(tmp_pat
 
     with pytest.raises(KeyboardInterrupt):
         complete(study, tmp_path / "out", progress=stop)
-    assert seen == [played, played + 10]
+    assert seen[0] == played < seen[1] < 3000
 
 
 @pytest.mark.long

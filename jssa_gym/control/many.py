@@ -9,7 +9,7 @@ from jssa_gym.control.jpc import JPC, Phase
 from jssa_gym.control.path import PacedPath
 from jssa_gym.control.plan import Plan
 from jssa_gym.control.yielding import YieldingJPC
-from jssa_gym.kernels.pacing import Paced, paced
+from jssa_gym.kernels.pacing import Paces, paced
 from jssa_gym.robots import JointLimits
 from jssa_gym.tick.play import READS, RESTS, YIELDS, Players, go_on_all, offer_all, play_all, players
 from jssa_gym.types import Array
@@ -43,7 +43,7 @@ class ManyJPC:
         count, n = len(controllers), len(limits.jerk)
         self._controllers, self._bounds, self._dt = controllers, limits.bounds(), dt
         self._players: Players = players(count, n)
-        self._paced: Paced = paced(count, n)
+        self._paced: Paces = paced(count, n)
         self._plans: list[Plan | None] = [None] * count
 
     # ---- ticks -----------------------------------------------------------------------------------------

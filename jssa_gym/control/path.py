@@ -6,7 +6,7 @@ from jssa_gym.control.plan import Plan
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels import pacing
 from jssa_gym.kernels.override import along
-from jssa_gym.kernels.pacing import FAR, FAST, FASTER, HARD_PULLED, SLOWER, Paced, pace_of, paced
+from jssa_gym.kernels.pacing import FAR, FAST, FASTER, HARD_PULLED, SLOWER, Paces, pace_of, paced
 from jssa_gym.kernels.profile import peaks
 from jssa_gym.kernels.rest import REST_JOINTS
 from jssa_gym.robots import JointLimits
@@ -51,7 +51,7 @@ class PacedPath:
         self.plan, self._played = plan, (plan.jerk, plan.states, plan.dt)
         self._bounds = limits.bounds()
         self._limits, self._schedule = limits, schedule
-        self.paced: Paced = paced(1, n)
+        self.paced: Paces = paced(1, n)
         """What is remembered of its pace, of an arm by itself."""
         kept = self.paced.kept
         kept["override"] = kept["asked"] = override = number_within("pace", pace, 0.0, HURRY)

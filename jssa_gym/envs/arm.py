@@ -241,7 +241,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
         # the people as they would begin some episode: how many capsules there are, and whether the goal is among them
         rehearsal = make_human(self.human).reset(np.random.default_rng(0))
         self.task.follow(np.zeros(0), rehearsal)
-        comes = self.human.names
+        comes = self.human.comers
         parts = len(rehearsal.radius) // max(self.human.people, 1) if comes is None else len(comes)
         if observation == "full":
             parts = parts or len(BODY)  # what is observed does not depend on how many there are

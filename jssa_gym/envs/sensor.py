@@ -122,7 +122,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.Wrapper.__init__(self, env)
         _refuse_shield(env, type(self))
         human = vars(env.unwrapped).get("human")
-        if isinstance(human, HumanMotion) and human.names is not None:
+        if isinstance(human, HumanMotion) and human.comers is not None:
             raise ParameterError(
                 f"{type(human).__name__} come and go; a SensorModel has samples of people who are there throughout"
             )

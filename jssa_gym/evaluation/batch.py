@@ -71,6 +71,8 @@ def vector_like(env: gym.Env, count: int) -> VectorEnv | None:
         return None
     if sensors and (shield is None or shield.filter.failsafe is None):
         return None
+    if shield is not None and getattr(shield.filter.failsafe, "watched", None) is not None:
+        return None
     try:
         arms = VectorArmEnv(
             count,

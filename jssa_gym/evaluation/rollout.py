@@ -46,7 +46,7 @@ def shield_of(env: gym.Env) -> Shield | None:
 
 def _setting(base: Any) -> dict[str, Any]:
     """What a trace holds once: robot, people and half-spaces as they are after the reset."""
-    if base.human.names is not None:
+    if base.human.comers is not None:
         raise InterfaceError(f"a trace is of people who stay; {type(base.human).__name__} come and go")
     scene: Scene = base.scene
     state, human, planes = scene.robot, scene.human, scene.planes

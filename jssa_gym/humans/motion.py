@@ -43,7 +43,7 @@ class HumanMotion(ABC):
     """No person's root comes nearer to the base axis [m]; 0 for somebody who is out for contact."""
     reacts: bool = True
     """Whether :meth:`step` looks at the robot; if not, it is spared the work and given an empty set."""
-    names: tuple[str, ...] | None = None
+    comers: tuple[str, ...] | None = None
     """Of each person's capsules, where people come and go, :attr:`people` at most; None: whoever is there stays."""
 
     @abstractmethod
@@ -126,7 +126,7 @@ class Crowd(HumanMotion):
     def __init__(self, motions: Sequence[HumanMotion]) -> None:
         if not motions:
             raise ParameterError("a crowd needs at least one motion")
-        if comes := [type(motion).__name__ for motion in motions if motion.names is not None]:
+        if comes := [type(motion).__name__ for motion in motions if motion.comers is not None]:
             raise ParameterError(f"a crowd is of people who stay; {comes[0]} come and go, several at once")
         self.motions = tuple(motions)
         self.people = sum(motion.people for motion in motions)

@@ -37,7 +37,7 @@ class Paced(HumanMotion):
         self.level = 1.0
         """Share of the pace that is taken, in [0, 1], from the next reset on."""
         self.people, self.clearance, self.reacts = motion.people, motion.clearance, motion.reacts
-        self.names = getattr(motion, "names", None)  # of people who come and go
+        self.comers = getattr(motion, "comers", None)  # of people who come and go
         self.speed_bound = self.pace[1] * motion.speed_bound
         self.now = 1.0
         """Of this episode."""

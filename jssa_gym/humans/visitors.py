@@ -42,7 +42,7 @@ class Visitors(HumanMotion):
         ParameterError: A value is out of range, or the way past the arm lies outside of the box.
     """
 
-    names = NAMES
+    comers = NAMES
     reacts = False
 
     def __init__(

@@ -47,7 +47,7 @@ PACED = np.dtype(
 """What is remembered of one arm's pace, but for arrays."""
 
 
-class Paced(NamedTuple):
+class Paces(NamedTuple):
     """What is remembered of paces, shapes without the leading axis of arms."""
 
     kept: NDArray
@@ -66,7 +66,7 @@ class Paced(NamedTuple):
     """Room to work in, shape (2, 4, n), the same for all arms."""
 
 
-def paced(arms: int, n: int) -> Paced:
+def paced(arms: int, n: int) -> Paces:
     """Paces that nothing is known of yet: plans at full pace that begin now."""
     m = len(_WISHES)
     kept, pace = records(arms, PACED), np.zeros((arms, 3))
@@ -74,7 +74,7 @@ def paced(arms: int, n: int) -> Paced:
     kept["margin"] = np.inf
     wishes, paces = np.zeros((2, arms, m, 3))
     wishes[:] = _WISHES
-    return Paced(
+    return Paces(
         kept, pace, wishes, np.zeros((arms, m, n)), paces, np.zeros((arms, m), np.int64), np.zeros((2, 4, n))
     )  # fmt: skip
 

@@ -64,12 +64,12 @@ _CALLED = (
     (("neck",), NECK),
     (("torso", "trunk", "body", "chest", "spine", "hip", "pelvis", "back", "abdomen", "belly", "shoulder"), TRUNK),
 )
-"""Words in a body part's name, and the regions that it may be; the first that fits counts."""
+"""Words in a body part's name, and the regions that it may be; all that fit count."""
 
 
 def regions_of(part: str) -> tuple[BodyRegion, ...]:
     """The regions that a body part of this name may be; all of them for a name that says nothing that is known."""
-    return next((regions for words, regions in _CALLED if is_called(part, words)), _ALL)
+    return tuple(region for words, regions in _CALLED if is_called(part, words) for region in regions) or _ALL
 
 
 def mass_of(part: str) -> float:

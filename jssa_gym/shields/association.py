@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.kernels.people import STAMP_ROUNDING
 from jssa_gym.shields.records import Records
 from jssa_gym.shields.shapes import fit_together, unlike
 from jssa_gym.tick.assumed import Assumed, assume
@@ -114,12 +115,15 @@ class Association:
         place = [own.get(key, _NEW) for key in seen.keys]
         known = [i for i, j in enumerate(place) if j >= 0 and met[j] and seen.valid[i]]
 
+        # of the others nothing would be believed
+        sound = ((seen.age >= 0.0) & (seen.radius > 0.0) & np.isfinite(seen.ends).all(axis=(0, 2))).tolist()
+
         def fits(i: int, j: int) -> bool:
-            alike = met[j] and self.names[j] == seen.keys[i][1]
+            alike = met[j] and sound[i] and self.names[j] == seen.keys[i][1]
             return alike and bool(sample_fits(arms, seen.time, seen.ends, seen.radius, seen.age, i, j))
 
-        exchanged = _exchanged(place, known, [key[1] for key in seen.keys], fits)
-        renamed = self._renamed(seen, place, {place[i] for i in known}, arms, fits)
+        exchanged, unsettled = _exchanged(place, known, [key[1] for key in seen.keys], fits)
+        renamed = self._renamed(seen, place, unsettled, arms, fits)
         for i, j in enumerate(place):
             if seen.valid[i]:
                 place[i] = exchanged.get(i, renamed.get(i, j))
@@ -133,13 +137,21 @@ class Association:
         return place, lost
 
     def _renamed(
-        self, seen: _Samples, place: Sequence[int], taken: set[int], arms: Any, fits: Callable[[int, int], bool]
+        self, seen: _Samples, place: Sequence[int], unsettled: set[str], arms: Any, fits: Callable[[int, int], bool]
     ) -> dict[int, int]:
-        """Tracks of samples with a new id that are of nobody who has come in: the only one that it can be of."""
+        """Tracks of samples with a new id that are of nobody who has come in: the only one that it can be of.
+
+        Who is still listed has no new id; and where the sample is older than a track, or others are where they cannot
+        be, whose it is cannot be told: then it is of somebody who was not known.
+        """
         claims: dict[int, list[int]] = {}
-        free = [j for j in range(len(self.names)) if j not in taken]
+        listed, stamps = set(seen.keys), self._records.memory.tracks[0]["stamp"]
+        free = [j for j, key in enumerate(self._keys) if key not in listed]
         for i, j in enumerate(place):
-            if j >= 0 or not seen.valid[i]:
+            name = seen.keys[i][1]
+            if j >= 0 or not seen.valid[i] or name in unsettled:
+                continue
+            if any(self.names[k] == name and seen.time - seen.age[i] < stamps[k] - STAMP_ROUNDING for k in free):
                 continue
             if sample_came_in(arms, seen.time, seen.ends, seen.radius, seen.age, i):
                 continue
@@ -159,7 +171,8 @@ class Association:
         listed = set(seen.keys)
         keys = [seen.keys[i] for i in rows] + [None if (key := self._keys[j]) in listed else key for j in lost]
         names = tuple([seen.keys[i][1] for i in rows] + [self.names[j] for j in lost])
-        person = [seen.keys[i][0] for i in rows] + self._records.memory.tracks[0]["person"][list(lost)].tolist()
+        whose = [seen.keys[i][0] for i in rows] + self._records.memory.tracks[0]["person"][list(lost)].tolist()
+        person = np.array(whose, np.int64)  # raises for what is no id before anything has changed
         if source != list(range(len(self._keys))) or names != self.names:
             assumed = self._assumed(names)
             self._records.rearrange(source)
@@ -184,13 +197,15 @@ class Association:
 
 def _exchanged(
     place: Sequence[int], known: Sequence[int], names: Sequence[str], fits: Callable[[int, int], bool]
-) -> dict[int, int]:
+) -> tuple[dict[int, int], set[str]]:
     """Tracks of samples whose people have each other's ids: all of a name anew, where some cannot be of their own.
 
-    Whichever fitting way the samples of those people are distributed among their tracks, all of them are covered.
+    Whichever fitting way the samples of those people are distributed among their tracks, all of them are covered. The
+    names of which some are of no track come second.
     """
     odd = [i for i in known if not fits(i, place[i])]
     found: dict[int, int] = {}
+    unsettled: set[str] = set()
     for name in dict.fromkeys(names[i] for i in odd):
         group = [i for i in known if names[i] == name]
         holder = {place[i]: i for i in group if i not in odd}
@@ -207,7 +222,9 @@ def _exchanged(
 
         if all(settle(i, set()) for i in odd if names[i] == name):
             found |= {i: j for j, i in holder.items()}
-    return found
+        else:
+            unsettled.add(name)
+    return found, unsettled
 
 
 def _keys(names: Any, person: NDArray[Any]) -> tuple[Key, ...]:
@@ -224,4 +241,6 @@ def _frame_age(scene: Scene, seen: _Samples) -> float:
     given = scene.frame_age
     if given is not None:
         return float(given)
+    if len(seen.valid) and not seen.valid.any():  # nobody was measured: there was no frame since who was last
+        return float(seen.age.min())
     return float(seen.age[seen.valid].max(initial=0.0))

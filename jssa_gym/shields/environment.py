@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 
 from jssa_gym.exceptions import InterfaceError
-from jssa_gym.humans import Visitors
+from jssa_gym.humans import Paced, Visitors
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.region import WatchedRegion
@@ -42,11 +42,14 @@ def region_of(env: gym.Env, assumed: Any) -> WatchedRegion | None:
     said = assumed.get("watched") if isinstance(assumed, Mapping) else getattr(assumed, "watched", None)
     if assumed is False or assumed is None or said is not None:
         return None
-    human = vars(env.unwrapped).get("human")
-    if not isinstance(human, Visitors):
+    human: Any = vars(env.unwrapped).get("human")
+    motion = human
+    while isinstance(motion, Paced):
+        motion = motion.motion
+    if not isinstance(motion, Visitors):
         return None
     # nobody comes through the floor, or from above
-    return WatchedRegion.box(human.low, human.high, ("bottom", "top"), max(_ASSUMED.limb_speed, human.speed_bound))
+    return WatchedRegion.box(motion.low, motion.high, ("bottom", "top"), max(_ASSUMED.limb_speed, human.speed_bound))
 
 
 def refuse_misfit(env: gym.Env, filter: SafetyFilter) -> RobotModel:

@@ -25,7 +25,11 @@ def tell_of_fast_people(env: gym.Env, params: FailsafeParams) -> None:
     human = vars(env.unwrapped).get("human")
     motions = _motions(human) if isinstance(human, HumanMotion) else []
     # a motion knows its capsules when it has begun
-    named = [(one, one.names or make_human(one).reset(np.random.default_rng(0)).names) for one in motions]
+    named = [(one, one.comers or make_human(one).reset(np.random.default_rng(0)).names) for one in motions]
+    if params.watched is not None:
+        entry = params.entry_speed
+        for motion in (one for one in motions if one.comers and one.speed_bound > entry * _ROUNDING):
+            say_faster(f"people may come in at {motion.speed_bound:.3g} m/s, {entry:g} m/s is the entry_speed assumed")
     if faster := [told for motion, names in named for told in _faster(motion, names, params)]:
         say_faster("; ".join(dict.fromkeys(faster)))
     if brisker := [told for motion, names in named for told in _brisker(motion, names, params)]:

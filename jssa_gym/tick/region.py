@@ -36,9 +36,9 @@ def came_in(settings, memory, ends, radius, stamp, j, e):
 
 @jit
 def fits(settings, memory, ends, radius, stamp, j, k, e):
-    """Whether sample j can be of the body part of track k."""
+    """Whether sample j can be of the body part of track k, and would be believed there: not if it is the older."""
     track = memory.tracks[e, k]
-    if not track["stamp"] > -np.inf:
+    if not (track["stamp"] > -np.inf and stamp >= track["stamp"] - STAMP_ROUNDING):
         return False
     elapsed = max(stamp - track["stamp"], 0.0)
     return within(ends, j, radius[j], track, elapsed, settings.position_error)

@@ -195,7 +195,18 @@ def _put_pace(arm: ArmEnv, paced: Paced, assumed: FailsafeParams | None) -> None
     if isinstance(arm.human, Paced):
         raise ParameterError("the people have a pace already: put Curriculum around DomainRandomisation")
     if assumed is not None:
-        for name in dict.fromkeys(make_human(paced).reset(np.random.default_rng(0)).names):
+        if assumed.watched is not None and paced.speed_bound > assumed.entry_speed * (1.0 + _ROUNDING):
+            raise ParameterError(
+                f"people may come in at {paced.speed_bound:.3g} m/s with that pace, the region's entry_speed is "
+                f"{assumed.entry_speed:g} m/s at most: lower the pace, or give it another entry_speed"
+            )
+        for name in dict.fromkeys(paced.comers or make_human(paced).reset(np.random.default_rng(0)).names):
+            most, bound = paced.acceleration_of(name), assumed.acceleration_of(name)
+            if most is not None and most > bound * (1.0 + _ROUNDING) > 0.0:
+                raise ParameterError(
+                    f"{name} may change its velocity at {most:.3g} m/s² with that pace, the shield assumes {bound:g} "
+                    "m/s² at most: lower the pace, or tell the shield by FailsafeParams"
+                )
             for speed, bound in zip(paced.end_speeds_of(name), assumed.end_speeds_of(name), strict=True):
                 if speed > bound * (1.0 + _ROUNDING):
                     raise ParameterError(

@@ -722,7 +722,7 @@ def test_limits_hold_within_the_step_too(robot):
 
 @njit
 def chosen(arm, settings, memory, wanted, jerk, work):
-    return choose(arm, settings, memory, wanted, jerk, work, 0)
+    return choose(arm, settings, memory, wanted, jerk, np.nan, work, 0)
 
 
 def choosing(robot, state, wanted, stored, tick, people=()):

@@ -394,7 +394,7 @@ def _room(arms, wanted):
 
 @njit
 def _choose(arms, wanted, jerk):
-    return choose(arms.robot, arms.settings, arms.memory, wanted, jerk, arms.work, 0)[0]
+    return choose(arms.robot, arms.settings, arms.memory, wanted, jerk, np.nan, arms.work, 0)[0]
 
 
 @njit

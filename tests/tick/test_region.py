@@ -245,6 +245,47 @@ def test_exchanged_ids_are_told_apart_by_place(arm):
         assert arm.filter.records.memory.arm[0]["frame"] == pytest.approx(arm.time)
 
 
+def test_a_sample_that_comes_late_gives_no_track_away(robot, make_scene):
+    """A, who is hidden, has gone on from where B stands by now; then a sample of A from before that arrives."""
+    arm = Guarded(robot, make_scene, box((-3.0, -3.0, -1.0), (3.0, 3.0, 4.0)), position_error=0.02)
+
+    def people(a, b=0.3):
+        return together([ball((x, 1.0, 1.0), person=p) for x, p in ((a, 1), (b, 2))])
+
+    codes_seen = []
+    for k in range(40):
+        a = max(-1.96 * k * DT, -0.3)
+        old = k == 20  # of 0.155 s before the first
+        shown, age = people(0.31 if old else a), np.array([k * DT + 0.155 if old else 0.0, 0.0])
+        frame_age = np.nan if old else 0.0
+        codes_seen.append(arm.see(shown, age=age, valid=np.array([k == 0 or old, True]), frame_age=frame_age))
+        assert arm.covers(np.array([a, 1.0, 1.0]), RADIUS), k
+        assert arm.persons == [1, 2]
+    assert codes_seen[:20] == [0] * 20
+    assert all(codes_seen[27:])  # hidden for longer than may be
+
+
+def test_a_new_id_takes_no_track_of_somebody_who_is_listed(arm):
+    both = [ball((0.0, y, 1.0), person=p) for y, p in ((0.5, 1), (0.52, 2))]
+    assert arm.see(together(both)) == 0
+    # the second is hidden, and the first has another id from where either could be
+    shown = together([ball((0.0, 0.51, 1.0), person=7), both[1]])
+    arm.see(shown, valid=np.array([True, False]), frame_age=np.nan)
+    assert 2 in arm.persons
+    for k in range(1, 12):
+        assert arm.covers(np.array([0.0, 0.52 + 1.9 * k * DT, 1.0]), RADIUS)
+        arm.see(shown, valid=np.array([True, False]), frame_age=np.nan)
+
+
+def test_a_frame_in_which_nobody_is_measured_is_as_old_as_its_samples(arm):
+    outside_of_it = ball((1.3, 0.0, 1.0), person=4)
+    assert arm.see(outside_of_it) == 0
+    for k in range(1, 60):  # the camera is dead, and says so
+        code = arm.see(outside_of_it, valid=np.zeros(1, np.bool_), age=np.array([k * DT]))
+        assert arm.filter.records.memory.arm[0]["frame"] == pytest.approx(0.0)
+        assert (code != 0) == (k * DT > MAX_AGE + 1e-9)
+
+
 def test_a_new_id_of_who_was_there_is_told_by_place(arm):
     arm.see(ball((0.0, 0.5, 1.0), person=1))
     for k in range(60):

@@ -55,6 +55,8 @@ BAD_SETTINGS = {
     "tau": (0.0, 1.1, np.nan, None),
     "updates": (0.0, -1.0, np.nan, np.inf, None, True),
     "noise": (-0.1, np.nan, np.inf, None),
+    "cost_limit": (0.0, 1.1, np.nan, "0.1", None, True),
+    "multiplier_rate": (-0.1, np.nan, np.inf, None),
 }
 
 

@@ -29,7 +29,7 @@ def refuse_foreign(motion: HumanMotion) -> None:
     if isinstance(motion, Crowd) and type(motion) is Crowd:
         for one in motion.motions:
             refuse_foreign(one)
-    elif motion.names is not None:
+    elif motion.comers is not None:
         raise ParameterError(
             f"{type(motion).__name__} come and go, and a vector has the same people throughout: take "
             "vectorization_mode='sync'"

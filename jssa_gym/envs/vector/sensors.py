@@ -75,7 +75,7 @@ class VectorMissedTicks(VectorSensors):
         self.lost[live] = self._gaps.on[live, 0]
 
 
-class _Samples(NamedTuple):
+class _Frames(NamedTuple):
     """A measurement of everybody of each arm, in arrays."""
 
     data: Array
@@ -88,7 +88,7 @@ class _Samples(NamedTuple):
     """Shape (E,)."""
 
     @classmethod
-    def none(cls, *shape: int) -> "_Samples":
+    def none(cls, *shape: int) -> "_Frames":
         """No measurement, of arrays of shape (E, ..., m)."""
         *arms, m = shape
         return cls(
@@ -100,9 +100,9 @@ class _Samples(NamedTuple):
         for array, other in zip(self, samples, strict=True):
             array[where] = other
 
-    def at(self, where: Any) -> "_Samples":
+    def at(self, where: Any) -> "_Frames":
         """Those of some places."""
-        return _Samples(*(array[where] for array in self))
+        return _Frames(*(array[where] for array in self))
 
 
 class VectorSensorModel(VectorSensors):
@@ -127,10 +127,10 @@ class VectorSensorModel(VectorSensors):
         self._freezes = VectorBursts(count, faults.freeze, faults.freeze_ticks)
         self._misstamps = VectorBursts(count, faults.misstamp, 1)
         self._normal, self._even, self._jitter = np.zeros((count, 2, m, 3)), np.zeros((count, 2, m, 1)), np.zeros(count)
-        self._last, self._arrived, self._shown = (_Samples.none(count, m) for _ in range(3))
+        self._last, self._arrived, self._shown = (_Frames.none(count, m) for _ in range(3))
         # what is under way, in rings: nothing is for longer than this many ticks
         places = int((faults.latency + faults.jitter) / arms.dt) + 3
-        self._under_way, self._arrival = _Samples.none(count, places, m), np.full((count, places), np.inf)
+        self._under_way, self._arrival = _Frames.none(count, places, m), np.full((count, places), np.inf)
         self._age, self._said = np.full((2, count, m), np.inf)
 
     @staticmethod
