@@ -123,6 +123,8 @@ def read_board(path: Path = STORED) -> Board:
     Raises:
         ParameterError: There is none, or it is damaged.
     """
+    if path == STORED and not path.exists():
+        raise ParameterError("this installation has no stored leaderboard: give --board, a file of one")
     content = read_whole(path, ParameterError)
     with refused(ParameterError, f"{path} holds no leaderboard"):
         archive = lzma.LZMADecompressor()

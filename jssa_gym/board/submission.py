@@ -1,6 +1,7 @@
 """Somebody's own filter or policy on the seeds that are on the leaderboard."""
 
 import importlib
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
@@ -20,7 +21,7 @@ from jssa_gym.policies import Policy
 from jssa_gym.robots import DEFAULT, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import STOP, SafetyFilter, Shield, read_name
-from jssa_gym.validation import positive_integer
+from jssa_gym.validation import known_name, positive_integer
 
 PURPOSEFUL = "jpc"
 """Policy of the board in whose place a submitted one acts."""
@@ -88,6 +89,10 @@ class Submission(Evaluation):
             filter, policy, episodes, trust_pickle: As the fields.
             tasks, humans: Only these; all without any.
         """
+        for task in tasks:
+            known_name("task", task, sorted({cell[0] for cell in board.episodes}))
+        for human in humans:
+            known_name("human", human, sorted({cell[1] for cell in board.episodes}))
         cells = tuple(
             (cell, tuple(sorted(next(iter(filters.values())))))
             for cell, filters in board.episodes.items()
@@ -182,4 +187,14 @@ def filter_factory(name: str) -> Callable[..., SafetyFilter]:
         ) from error
     if not callable(found):
         raise ParameterError(f"the filter {name!r} is no factory that can be called with a robot and a control step")
+    options = {"viability": True, "failsafe": FailsafeParams()} if name.endswith(STOP) else {}
+    try:
+        inspect.signature(found).bind(None, 0.0, **options)
+    except TypeError as error:
+        asked = ", viability=True and failsafe=FailsafeParams()" if options else ""
+        raise ParameterError(
+            f"the factory {name!r} is called with a robot, a control step{asked}, and takes others: {error}"
+        ) from error
+    except ValueError:
+        pass  # something built in, which does not say what it takes
     return found

@@ -29,7 +29,7 @@ class DatasetCommand:
     """Episodes step by step, with everybody's tracks and the shield's decisions, for learning without an environment.
 
     They are written as Minari's loader reads them, whose folder of data sets --out is. The same command gives the same
-    data. 100 episodes take about a minute of one core and some 50 MB. Needs the extra data.
+    data. 100 episodes take about half a minute of one core and 20 to 30 MB. Needs the extra data.
     """
 
     task: Annotated[str, TASK] = "reach"

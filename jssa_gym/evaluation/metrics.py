@@ -162,8 +162,8 @@ def summarise(
     v_safe = number_within("v_safe", v_safe, 0.0)
     if not every_step(trace):
         raise ParameterError(
-            "the rows of the episode are not one control step apart; a policy that acts more slowly has to repeat its "
-            "actions itself, without ActionRepeat"
+            "the rows of the episode are not one control step apart; of a policy that acts more slowly an "
+            "environment without ActionRepeat and ticks= are to be given"
         )
     steps = summarise_steps(_steps(trace), v_safe)
     low, high = limits.position.T

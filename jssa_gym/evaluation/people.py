@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterable
 from functools import cache, partial
 from pathlib import Path
 
-from jssa_gym.exceptions import RecordingError
+from jssa_gym.exceptions import ParameterError, RecordingError
 from jssa_gym.humans import (
     HUMANS,
+    STREAMS,
     ApproachRetreat,
     Hand,
     HumanMotion,
@@ -83,6 +84,11 @@ def known_person(human: str) -> str:
     if is_file(human):
         load(human)
         return human
+    if human in STREAMS:
+        raise ParameterError(
+            f"{human} come and go, and an episode that is recorded has the same people throughout: play them in an "
+            "environment of your own"
+        )
     return known_name("human", human, PEOPLE)
 
 

@@ -53,23 +53,33 @@ SHIN = (BodyRegion(260.0, 60e3, 75.0),)
 _ALL = (*HEAD, *NECK, *TRUNK, *UPPER_ARM, *FOREARM, *HAND, *THIGH, *SHIN)
 
 _CALLED = (
-    (("forearm", "lower arm", "wrist"), FOREARM),
-    (("upper arm", "elbow"), UPPER_ARM),
-    (("hand", "palm", "fist", "finger", "thumb"), HAND),
-    (LIMB_PARTS, UPPER_ARM + FOREARM + HAND),
-    (FOOT_PARTS, SHIN),
-    (("thigh", "upper leg", "knee"), THIGH),
-    (("leg",), THIGH + SHIN),
-    (("head", "skull", "face"), HEAD),
-    (("neck",), NECK),
-    (("torso", "trunk", "body", "chest", "spine", "hip", "pelvis", "back", "abdomen", "belly", "shoulder"), TRUNK),
+    (
+        (("forearm", "lower arm", "wrist"), FOREARM),
+        (("upper arm", "elbow"), UPPER_ARM),
+        (("hand", "palm", "fist", "finger", "thumb"), HAND),
+        (LIMB_PARTS, UPPER_ARM + FOREARM + HAND),
+    ),
+    (
+        (FOOT_PARTS, SHIN),
+        (("thigh", "upper leg", "knee"), THIGH),
+        (("leg",), THIGH + SHIN),
+    ),
+    ((("head", "skull", "face"), HEAD),),
+    ((("neck",), NECK),),
+    (
+        (
+            ("torso", "trunk", "body", "chest", "spine", "hip", "pelvis", "back", "abdomen", "belly", "shoulder"),
+            TRUNK,
+        ),
+    ),
 )
-"""Words in a body part's name, and the regions that it may be; all that fit count."""
+"""Words in a body part's name, and the regions that it may be: the first that fits of each group, all groups together."""
 
 
 def regions_of(part: str) -> tuple[BodyRegion, ...]:
     """The regions that a body part of this name may be; all of them for a name that says nothing that is known."""
-    return tuple(region for words, regions in _CALLED if is_called(part, words) for region in regions) or _ALL
+    found = (next((regions for words, regions in group if is_called(part, words)), ()) for group in _CALLED)
+    return tuple(region for regions in found for region in regions) or _ALL
 
 
 def mass_of(part: str) -> float:

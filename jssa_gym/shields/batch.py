@@ -44,7 +44,10 @@ class Batch:
                 "(compiled are all that have a name, with the exact projector)"
             )
         if filter.failsafe is not None and filter.failsafe.watched is not None:
-            raise ParameterError("many arms at once have the same people throughout: watched has to be None for them")
+            raise ParameterError(
+                "many arms at once have the same people throughout: watched has to be None for them, "
+                "or each arm has a shield of its own"
+            )
         count = positive_integer("count", count)
         robot, sizes, settings = filter.records.robot, (len(people), statics, planes), filter.settings()
         n = len(robot.links)

@@ -193,7 +193,7 @@ def test_submissions_are_told_from_each_other(board, mine):
         (("my_filters:number",), {}, "no factory"),
         (("swim",), {}, "unknown filter 'swim'"),
         (("stop", "swim"), {}, "unknown policy 'swim'"),
-        (("stop",), {"tasks": ("track",)}, "no cell of the leaderboard"),
+        (("stop",), {"tasks": ("track",)}, "unknown task 'track'"),
     ],
 )
 def test_what_cannot_be_submitted_is_refused(words, options, message, board, mine):

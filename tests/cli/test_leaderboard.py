@@ -69,7 +69,7 @@ def test_the_stored_tables_are_shown(board, here):
         (("--filter", "swim"), "unknown filter 'swim'"),
         (("--filter", "nowhere:at_all"), "cannot load the filter 'nowhere:at_all'"),
         (("--filter", "stop", "--episodes", "0"), "episodes has to be a positive integer"),
-        (("--filter", "stop", "--tasks", "track"), "no cell of the leaderboard"),
+        (("--filter", "stop", "--tasks", "track"), "unknown task 'track'"),
         (("--filter", "stop", "--board", "missing.xz"), "cannot read"),
         (("--policy", "random", "--trust-pickle", "--filter", "stop", "--engine", "ray", "--jobs", "0"), "jobs has to"),
     ],

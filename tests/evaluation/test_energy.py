@@ -30,7 +30,11 @@ def test_limits_are_those_of_the_springs():
 
 @pytest.mark.parametrize(
     ("part", "regions"),
-    [("head", HEAD), ("LeftHand", HAND), ("right_wrist", regions_of("forearm")), ("left_lower_leg", SHIN)],
+    [
+        *(("head", HEAD), ("LeftHand", HAND), ("right_wrist", regions_of("forearm")), ("left_lower_leg", SHIN)),
+        ("torso_with_head", HEAD + regions_of("torso")),  # the least energy and the largest mass of both count
+        ("body_with_arms", regions_of("right_arm") + regions_of("torso")),
+    ],
 )
 def test_names_say_which_region(part, regions):
     assert regions_of(part) == regions
