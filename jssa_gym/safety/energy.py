@@ -73,7 +73,7 @@ _CALLED = (
         ),
     ),
 )
-"""Words in a body part's name, and the regions that it may be: the first that fits of each group, all groups together."""
+"""Words in a body part's name, and the regions that it may be: of each group the first that fits, of all groups."""
 
 
 def regions_of(part: str) -> tuple[BodyRegion, ...]:
