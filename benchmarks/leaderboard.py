@@ -23,13 +23,14 @@ from jssa_gym.board.tables import complete_cells, filters_of, policies_of, rate
 from jssa_gym.evaluation.identity import made_with
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.palette import COLOURS
+from jssa_gym.shields.registry import WHOLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def draw(found: Episodes, filters: Sequence[str], policies: Sequence[str], path: Path) -> None:
-    """Moving contacts of everything against success without contact of the policies that want it, with intervals."""
+    """Contacts of everything against success without contact of the policies that want it, with intervals."""
     from jssa_gym.plots.style import styled  # the tables do without
 
     styled(_scatter)(found, filters, policies).savefig(path, dpi=110)
@@ -43,15 +44,15 @@ def _scatter(found: Episodes, filters: Sequence[str], policies: Sequence[str]) -
     for k, name in enumerate(filters):
         everything = [e for cell in found.values() for e in cell[name].values()]
         wanted = [e for key, cell in found.items() if key[2] in policies for e in cell[name].values()]
-        x, y = rate(everything, "moving contact"), rate(wanted, "success without contact")
+        x, y = rate(everything, "contact"), rate(wanted, "success without contact")
         spread = [[[100 * (r.value - r.low)], [100 * (r.high - r.value)]] for r in (x, y)]
         # a colour comes again with another shape; hollow ones have no verified stop
         shape = "osD^v"[k // len(COLOURS) % 5]
-        fill = "full" if name.endswith("+stop") or name == "stop" else "none"
+        fill = "full" if name.endswith("+stop") or name in WHOLE else "none"
         style = {"marker": shape, "fillstyle": fill, "color": COLOURS[k % len(COLOURS)], "markersize": 8}
         axes.errorbar(100 * x.value, 100 * y.value, spread[1], spread[0], label=name, elinewidth=1.0, **style)
-    axes.set(xlabel="episodes with a moving contact [%]", ylabel="success without a contact [%]")
-    figure.legend(loc="outside right upper", title="filled: verified stop")
+    axes.set(xlabel="episodes with a contact, at rest or in motion [%]", ylabel="success without a contact [%]")
+    figure.legend(loc="outside right upper", title="filled: verified stop,\nno contact in motion")
     return figure
 
 
