@@ -27,6 +27,9 @@ INSTALL = "pip install 'jssa-gym[ray]', or pip install -e '.[ray]' in a clone"
 _AGAIN = 3
 """How often a chunk is begun anew whose worker died."""
 
+_STARTS = 4
+"""How often a cluster of this machine is begun: Ray gives up after 30 s, which a busy machine may need for it."""
+
 _begun: "list[Cluster]" = []
 """The clusters that this process was with, the present one last; one that a user began is none of them."""
 
@@ -115,10 +118,14 @@ class Cluster:
         if not ray.is_initialized():
             here: dict[str, Any] = {"num_cpus": self.jobs, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
             where: dict[str, Any] = {"address": "local", **here} if self.address is None else {"address": self.address}
-            try:
-                ray.init(**where, configure_logging=False, log_to_driver=False)
-            except Exception as error:  # of many kinds, by what is wrong with the cluster
-                raise WorkerError(f"no Ray cluster at {self.address or 'this machine'}: {error}") from error
+            for left in reversed(range(_STARTS)):
+                try:
+                    ray.init(**where, configure_logging=False, log_to_driver=False)
+                    break
+                except Exception as error:  # of many kinds, by what is wrong with the cluster
+                    ray.shutdown()
+                    if left == 0 or "timed out during startup" not in str(error):
+                        raise WorkerError(f"no Ray cluster at {self.address or 'this machine'}: {error}") from error
             _begun.append(self)
         elif _begun and _begun[-1] != self:
             raise WorkerError(

@@ -95,6 +95,22 @@ def test_an_interrupt_ends_it(tmp_path):
     assert err.splitlines()[-1].startswith("KeyboardInterrupt")
 
 
+@pytest.mark.parametrize(("message", "starts"), [("The current node timed out during startup.", 4), ("no room", 1)])
+def test_a_cluster_that_a_busy_machine_is_slow_to_begin_is_begun_again(monkeypatch, message, starts):
+    ray, begun = pytest.importorskip("ray"), []
+
+    def init(**options):
+        begun.append(options)
+        raise RuntimeError(message)
+
+    monkeypatch.setattr(ray, "init", init)
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    monkeypatch.setattr(ray, "shutdown", lambda: None)
+    with pytest.raises(WorkerError, match=message):
+        run(picklable.killed, [0], TWO, print)
+    assert len(begun) == starts
+
+
 def test_ray_is_an_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(MissingExtraError, match=r"Ray is not installed: pip install .*jssa-gym\[ray\]"):
