@@ -97,7 +97,8 @@ def jit(function: FunctionType) -> Any:
     """Compile a kernel on first use: cached on disk, IEEE arithmetic, division by zero gives inf.
 
     It is lent all its arrays and makes none, so that it counts no references to them, which are atomic and took a
-    fifth of a control step; what makes arrays is compiled by :func:`jit_owning`.
+    fifth of a control step; what makes arrays is compiled by :func:`jit_owning`. Nor may it return one, or part of one,
+    to a kernel that does count: that would give back what was never taken, and memory with it.
     """
     return _compiled(function, {**_FLAGS, "_nrt": False})
 
