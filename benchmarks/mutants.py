@@ -1188,14 +1188,14 @@ MUTANTS = [
     ),
     Mutant(
         "Home's goals have a time to them",
-        "evaluation/leaderboard.py",
+        "evaluation/standings.py",
         "if one.task not in TASKS or TASKS[one.task].ends",
         "if True",
         (MOVED, "held_from_the_beginning"),
     ),
     Mutant(
         "episodes are compared with others",
-        "evaluation/leaderboard.py",
+        "evaluation/standings.py",
         "if [_trial(one) for one in report.episodes] != [_trial(one) for one in first.episodes]:",
         "if False:",
         (MOVED, "nothing_to_compare_with"),

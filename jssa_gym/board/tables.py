@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from jssa_gym.board.episodes import MOTION, Cell, Episodes
 from jssa_gym.envs.tasks import TASKS
-from jssa_gym.evaluation.leaderboard import UNFILTERED
 from jssa_gym.evaluation.slowdown import Slowdown
+from jssa_gym.evaluation.standings import UNFILTERED
 from jssa_gym.evaluation.statistics import Rate, paired_difference, short
 
 ASKED = {"moving contact": -1, "success without contact": 1}

@@ -17,7 +17,7 @@ from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.comparison_page import write_page
 from jssa_gym.evaluation.contenders import NO_SENSOR
-from jssa_gym.evaluation.leaderboard import UNFILTERED, Standing, median_time_to_goal, standings
+from jssa_gym.evaluation.standings import UNFILTERED, Standing, median_time_to_goal, standings
 from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
 from jssa_gym.robots import DEFAULT

@@ -8,7 +8,7 @@
 - measure: ``rows`` are episodes in numbers; ``metrics`` has them from ``steps``, ``motion``, ``geometry`` and
   ``counterfactual``.
 - judge: ``judge`` plays a trace again with MuJoCo, its ``oracle``, and says a ``judgement``.
-- report: ``report``, ``leaderboard`` and ``slowdown`` with the intervals of ``statistics``; ``html`` is the page.
+- report: ``report``, ``standings`` and ``slowdown`` with the intervals of ``statistics``; ``html`` is the page.
 """
 
 from jssa_gym.evaluation.cluster import Cluster

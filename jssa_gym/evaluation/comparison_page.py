@@ -1,4 +1,4 @@
-"""A comparison of filters as one page that loads nothing."""
+"""A comparison of filters as one page that loads nothing; its columns are chosen in ``evaluation/standings.py``."""
 
 import os
 import shlex
@@ -10,7 +10,9 @@ from urllib.parse import quote_from_bytes
 import numpy as np
 
 from jssa_gym.evaluation.identity import made_with
-from jssa_gym.evaluation.leaderboard import (
+from jssa_gym.evaluation.metrics import SeparationParams
+from jssa_gym.evaluation.report import METRICS, Report, column
+from jssa_gym.evaluation.standings import (
     PAIRED_MEANS,
     PAIRED_RATES,
     RATE_COLUMNS,
@@ -23,8 +25,6 @@ from jssa_gym.evaluation.leaderboard import (
     standings,
     titles,
 )
-from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
 from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.svg import Markup, Panel, colour, dashes, document, figure, marker, note, rows_of, tag

@@ -27,7 +27,7 @@ _TELLING = (
     "viewer",
     "train",
     "evaluation/comparison_page.py",
-    "evaluation/leaderboard.py",
+    "evaluation/standings.py",
     "evaluation/report.py",
     "evaluation/statistics.py",
     "evaluation/svg.py",

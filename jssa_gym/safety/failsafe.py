@@ -1,4 +1,7 @@
-"""What the verified stop assumes about people, sensors and drives; how far an arm's points can swing."""
+"""What the verified stop assumes about people, sensors and drives; how far an arm's points can swing.
+
+Parameters only: that a step is FAILSAFE is decided in ``tick/admit.py``.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields

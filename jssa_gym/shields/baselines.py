@@ -1,4 +1,7 @@
-"""Baselines: filters that add nothing to the layers around every filter."""
+"""Baselines: filters that add nothing to the layers around every filter.
+
+A filter has a module of its own in ``shields/``, and its name in ``FILTERS`` of ``shields/registry.py``.
+"""
 
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams

@@ -9,7 +9,7 @@ from jssa_gym.kernels.rest import at_rest
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.shields.reading import words_of
-from jssa_gym.shields.reasons import FAULTS
+from jssa_gym.shields.reasons import BAD_INPUTS
 from jssa_gym.shields.records import ONE
 from jssa_gym.shields.words import Told
 from jssa_gym.tick import loop
@@ -91,7 +91,7 @@ class InPlace:
             told = Told(*numbers)
             reason = filter._say(told, nominal)
             if wrong:
-                reason = reason.replace(FAULTS[1], wrong, 1)
+                reason = reason.replace(BAD_INPUTS[1], wrong, 1)
             if status == Status.FAULT:
                 filter._alarm.fault(reason, told.persistent)
             else:
@@ -105,4 +105,4 @@ class InPlace:
     def _asked(self, scene: Any, nominal: Array, wrong: str) -> tuple[Status, str, float]:
         """The decision of a filter that is not compiled, whose projection is OSQP's, say."""
         decision = self._filter.decide(scene, nominal)
-        return decision.status, decision.reason.replace(FAULTS[1], wrong or FAULTS[1], 1), decision.margin
+        return decision.status, decision.reason.replace(BAD_INPUTS[1], wrong or BAD_INPUTS[1], 1), decision.margin

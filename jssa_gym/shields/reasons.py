@@ -1,4 +1,4 @@
-"""Reasons that decisions give, where a kernel says why by a number or several filters say the same."""
+"""Texts of the reasons that kernels give as numbers, or several filters alike; ``words.py`` makes sentences of them."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -7,7 +7,7 @@ import numpy as np
 
 from jssa_gym.types import Array, Decision, Status
 
-FAULTS = (
+BAD_INPUTS = (
     "",
     "nominal jerk is not finite",
     "joint state is not finite",
@@ -22,7 +22,7 @@ UNFIT = (
     "the filter's answer is outside the jerk bounds",
     "the filter's answer is not the nominal, as it claims",
 )
-"""What is wrong with the answer, by the number of :func:`~jssa_gym.tick.admit.unfit`."""
+"""What is wrong with the answer, by the number of :func:`~jssa_gym.tick.admit.unfit_answer`."""
 
 FIXTURES = (
     "",

@@ -6,7 +6,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.joints import deviates
 from jssa_gym.kernels.rest import at_rest
 from jssa_gym.shields.reading import Reading, part_of
-from jssa_gym.shields.reasons import FAULTS
+from jssa_gym.shields.reasons import BAD_INPUTS
 from jssa_gym.shields.records import Records
 from jssa_gym.tick import loop
 from jssa_gym.types import Scene
@@ -30,7 +30,7 @@ def rebase(records: Records, reading: Reading, scene: Scene) -> None:
         raise ParameterError(f"the joint state cannot be read: {wrong}")
     joints = records.view.joints
     if not (np.isfinite(joints) | (settings.tolerance == np.inf)).all():
-        raise ParameterError(FAULTS[2])
+        raise ParameterError(BAD_INPUTS[2])
     try:
         old = not float(time) < np.inf or float(time) <= arm["time"]
     except (TypeError, ValueError) as error:

@@ -9,7 +9,7 @@ from jssa_gym.kernels.people import LOST, NEVER
 from jssa_gym.kernels.verification import ENTRY, HALF_SPACE, REACH, STATIC
 from jssa_gym.robots import RobotModel
 from jssa_gym.shields.reading import Reading
-from jssa_gym.shields.reasons import FAULTS, FIXTURES, REASONS, SAMPLES, UNFIT
+from jssa_gym.shields.reasons import BAD_INPUTS, FIXTURES, REASONS, SAMPLES, UNFIT
 from jssa_gym.shields.records import Records
 from jssa_gym.tick import codes
 from jssa_gym.tick.admit import GRADED, HALFWAY, STORED
@@ -59,7 +59,7 @@ def in_words(told: Told, nominal: Array, robot: RobotModel, records: Records, re
         return f"no verified stop: {_obstacle(told, robot, records, reading)}"
     reason = _fault(told, records, reading)
     if records.settings.guarded and told.code != codes.NOT_FINITE_NOMINAL and not np.isfinite(nominal).all():
-        reason = f"{FAULTS[1]}; {reason}"
+        reason = f"{BAD_INPUTS[1]}; {reason}"
     return f"{reason}; no verified stop" if told.unverified else reason
 
 

@@ -1,4 +1,4 @@
-"""Files that are complete or not there, and readers that say what is wrong with one."""
+"""Files that are complete or not there (atomic writes), and readers that say what is wrong with one."""
 
 import contextlib
 import csv

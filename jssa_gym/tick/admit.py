@@ -1,4 +1,4 @@
-r"""The only place that says yes: a jerk is applied if a verified stop follows it, else the stored stop goes on.
+r"""The only place that says yes: a jerk is applied if a verified stop follows it; else the stored stop: FAILSAFE.
 
 Verified means: the step and the stop keep all joint limits, and until the arm is at rest it is off table, static
 agents and itself, and off everything that a person can have reached by then. So a verified stop always exists: the

@@ -1,4 +1,7 @@
-"""Why a decision was made, as a number: hundreds are the status. ``jssa_gym.shields.reasons`` has the words."""
+"""Why a decision was made, as a number: hundreds are the status.
+
+``shields/reasons.py`` has the texts, ``shields/words.py`` makes sentences of them.
+"""
 
 NOMINAL, PROJECTED, RELAXED, FAILSAFE, FAULT = range(5)
 """Values of :class:`~jssa_gym.types.Status`."""

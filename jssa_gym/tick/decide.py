@@ -1,7 +1,8 @@
 """The control step of a shield, read from top to bottom.
 
 :func:`decide` is the whole of it. A filter that is not compiled is asked between its parts: after :func:`prepare`, and
-once more if :func:`settle` says so.
+once more if :func:`settle` says so. Whether a step is FAILSAFE is decided in ``tick/admit.py``, and named by
+:func:`_conclude`.
 """
 
 import numpy as np

@@ -1,4 +1,7 @@
-"""Checkpoints: complete and unchanged, or not used."""
+"""Checkpoints: complete and unchanged, or not used.
+
+A folder is written under another name and renamed, its files by ``storage/files.py``: atomic as a whole.
+"""
 
 import contextlib
 import hashlib

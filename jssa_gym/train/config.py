@@ -1,4 +1,4 @@
-"""A training, described completely."""
+"""A training, described completely; :data:`PRESETS` has those that were tuned."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""Hyper-parameters: one typed place, what is set by default and what each task changes."""
+"""Hyper-parameters of each algorithm and their defaults; what a task changes is ``PRESETS`` in ``train/config.py``."""
 
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, ClassVar, Literal

@@ -40,7 +40,6 @@ from jssa_gym.evaluation import (
 )
 from jssa_gym.evaluation.campaign import Campaign, Grid
 from jssa_gym.evaluation.comparison_page import _keys, page
-from jssa_gym.evaluation.leaderboard import PAIRED_RATES, profile, standings
 from jssa_gym.evaluation.ledger import Ledger, Results
 from jssa_gym.evaluation.plan import SPACING
 from jssa_gym.evaluation.play import Player, play, played_again
@@ -48,6 +47,7 @@ from jssa_gym.evaluation.report import METRICS, column
 from jssa_gym.evaluation.rows import EvaluationRow, Setting, digest_of
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.spans import longest, spans
+from jssa_gym.evaluation.standings import PAIRED_RATES, profile, standings
 from jssa_gym.evaluation.study import Single
 from jssa_gym.evaluation.svg import Panel, colour, dashes, marker, ticks
 from jssa_gym.evaluation.trace import save_trace

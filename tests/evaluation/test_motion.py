@@ -15,8 +15,8 @@ import jssa_gym
 from jssa_gym.cli.compare import Compare
 from jssa_gym.evaluation import Report, rollout, summarise
 from jssa_gym.evaluation.comparison_page import page
-from jssa_gym.evaluation.leaderboard import median_time_to_goal, standings
 from jssa_gym.evaluation.motion import jerk_jumps
+from jssa_gym.evaluation.standings import median_time_to_goal, standings
 from jssa_gym.evaluation.steps import Steps, summarise_steps
 from jssa_gym.evaluation.study import Study
 from jssa_gym.exceptions import ParameterError

@@ -11,8 +11,8 @@ import jssa_gym
 from jssa_gym.cli.compare import Compare
 from jssa_gym.evaluation import Report, Study
 from jssa_gym.evaluation.comparison_page import page
-from jssa_gym.evaluation.leaderboard import policy_standings
 from jssa_gym.evaluation.report import METRICS
+from jssa_gym.evaluation.standings import policy_standings
 from jssa_gym.evaluation.wording import WORDS, in_words
 
 

@@ -13,7 +13,7 @@ from jssa_gym.kernels.people import BROKEN, COVERED, LOST, NEVER
 from jssa_gym.kernels.verification import ENTRY, HALF_SPACE, REACH, SELF, STATIC
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import reasons
-from jssa_gym.shields.reasons import FAULTS, FIXTURES, REASONS, SAMPLES, UNFIT, reason_code
+from jssa_gym.shields.reasons import BAD_INPUTS, FIXTURES, REASONS, SAMPLES, UNFIT, reason_code
 from jssa_gym.shields.words import Told, in_words
 from jssa_gym.tick import codes
 from jssa_gym.tick.people import BACK, NO_TIME
@@ -164,7 +164,7 @@ def test_every_code_is_said_somewhere():
         if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "codes"
     }
     assert set(CODES.values()) - said == BY_WAY_OF
-    assert len(FAULTS) - 1 == codes.UNMEASURED - codes.NOT_FINITE_NOMINAL + 1
+    assert len(BAD_INPUTS) - 1 == codes.UNMEASURED - codes.NOT_FINITE_NOMINAL + 1
 
 
 def test_every_reason_that_the_sources_give_has_a_code():

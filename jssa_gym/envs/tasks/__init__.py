@@ -1,4 +1,4 @@
-"""What the arm is to do, by name."""
+"""What the arm is to do; a task gets its name and its ids in ``ENTRIES`` of ``jssa_gym/registration.py``."""
 
 from jssa_gym.envs.tasks.deliver import Deliver
 from jssa_gym.envs.tasks.joints import Home, Track

@@ -1,4 +1,7 @@
-"""Filters side by side: pooled over everything else, and in pairs on the same seeds."""
+"""Filters side by side: pooled over everything else, and in pairs on the same seeds.
+
+The columns of a comparison's report are chosen here.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
