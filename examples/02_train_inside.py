@@ -9,7 +9,7 @@ from jssa_gym.train import preset, train
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--steps", type=int, default=60_000, help="of the policy, 0.2 s each")
+    parser.add_argument("--steps", type=int, default=30_000, help="of the policy, 0.2 s each")
     parser.add_argument("--episodes", type=int, default=50, help="of the evaluation")
     parser.add_argument("--out", default="my-reach", help="folder; the same command goes on from it")
     asked = parser.parse_args()

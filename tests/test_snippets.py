@@ -24,7 +24,7 @@ PAGES = {page.name: page for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.m
 PAGES.pop("changelog.md")
 
 SMALL = {
-    "README.md": [("steps=60_000", "steps=100, interval=100, eval_episodes=1")],
+    "README.md": [("steps=30_000", "steps=100, interval=100, eval_episodes=1")],
     "certificate.md": [("100_000", "2_000")],
     "evaluation.md": [("episodes=100", "episodes=1")],
     "policies.md": [],

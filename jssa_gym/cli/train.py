@@ -72,7 +72,7 @@ class Train:
     """Control steps for which an action is repeated; None: as tuned."""
     learn_from: LearnFrom | None = None
     """What the learner is told of the shield: nothing (policy), the executed action (sac, td3, tqc), a penalty, both.
-    None: as tuned."""
+    None: as tuned; without a shield nothing."""
     penalty: float | None = None
     """Weight of the penalty; None: as tuned."""
     observe_intervention: bool | None = None
@@ -113,6 +113,8 @@ class Train:
         """
         tuned = preset(self.task, self.algorithm or tuned_algorithm(self.task))
         given = {name: value for name in _AS_TUNED if (value := getattr(self, name)) is not None}
+        if not self.shield:  # of which there is nothing to tell
+            given.setdefault("learn_from", "policy")
         changes: dict[str, str] = {}
         for change in self.set:
             name, equals, value = change.partition("=")

@@ -115,7 +115,8 @@ def test_what_is_not_given_stays_as_tuned(monkeypatch):
     assert asked.settings == SAC(width=12, tau=0.01)
     assert asked.processes
     assert asked.shield
-    assert not Train(shield=False).config().shield
+    assert Train(shield=False).config() == replace(preset("reach", "sac"), shield=False, learn_from="policy")
+    assert preset("reach", "sac").learn_from == "executed"
     assert Train().config() == preset("reach", "sac")
     assert Train(algorithm="ppo").config() == preset("reach", "ppo")
     assert Train(task="handover").config() == preset("handover", "ppo")
