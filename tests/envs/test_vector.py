@@ -128,7 +128,7 @@ def recording(loop=False):
 
 
 CROWDS = {
-    "walkers": ["random", "walk_by"],
+    "draw at once": ["walk_by", "walk_by", "random"],
     "the same": Crowd([RandomWalk(), RandomWalk()]),
     "all draw": ["random", "hand", "recorded", Pursuit(feint=True)],
     "a crowd in a crowd": [Crowd([make_human("recorded"), Recorded(recording())]), "receive", "none"],

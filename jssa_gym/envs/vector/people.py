@@ -149,14 +149,13 @@ class Drawing(Compiled):
         return self._start, self._end, self.radius[0]
 
     def _supply(self, who: NDArray[np.intp]) -> None:
-        ahead = self._records["ahead"]
-        for e, asked in zip(who.tolist(), self._asked(who), strict=True):
-            ahead[e, :asked] = self._rngs[e].random(asked)  # who draws has one
-            self._records["drawn"][e] = asked
-        self._records["used"][who] = 0
+        ahead, counts = self._records["ahead"], self._asked(who)
+        for e, count in zip(who.tolist(), counts.tolist(), strict=True):
+            ahead[e, :count] = self._rngs[e].random(count)  # who draws has one
+        self._records["drawn"][who], self._records["used"][who] = counts, 0
 
     @abstractmethod
-    def _asked(self, who: NDArray[np.intp]) -> list[int]:
+    def _asked(self, who: NDArray[np.intp]) -> NDArray[np.int64]:
         """How many random numbers each of them needs."""
 
 
@@ -168,9 +167,9 @@ class Walkers(Drawing):
     def _move(self, live: Mask, dt: Array, segments: NDArray[Any], again: bool) -> int:
         return walk_all(self._records, self._body, live, dt, segments, self.ends, self._waits, again)
 
-    def _asked(self, who: NDArray[np.intp]) -> list[int]:
+    def _asked(self, who: NDArray[np.intp]) -> NDArray[np.int64]:
         motion: Any = self._motion
-        return [motion.draws] * len(who)
+        return np.full(len(who), motion.draws)
 
 
 class Gesturers(Drawing):
@@ -191,8 +190,8 @@ class Gesturers(Drawing):
         gestures = (self._records, self._limbs)
         return gesture_all(gestures, self._body, live, dt, segments, self.ends, self._waits, again)
 
-    def _asked(self, who: NDArray[np.intp]) -> list[int]:
-        return self._records["asks"][who].tolist()
+    def _asked(self, who: NDArray[np.intp]) -> NDArray[np.int64]:
+        return self._records["asks"][who]
 
 
 class Players(Compiled):
