@@ -3,8 +3,8 @@
     python benchmarks/vector_step.py
 
 Processor time an arm: medians over rounds in which the single environment and every vector take turns. Everybody
-walks (``human="random"``), policies wander about home, episodes do not end. Then the memory of an environment, and what
-an arm of a large vector costs beside one of 256. ``--json`` writes all numbers.
+walks (``human="random"``, or as ``--human`` says), policies wander about home, episodes do not end. Then the memory of
+an environment, and what an arm of a large vector costs beside one of 256. ``--json`` writes all numbers.
 """
 
 import argparse
@@ -34,7 +34,7 @@ def _timed(env, actions, steps: int, count: int) -> float:
     return (time.process_time() - start) / steps / count * 1e6
 
 
-def costs(counts: tuple[int, ...], rounds: int) -> dict:
+def costs(counts: tuple[int, ...], rounds: int, human: str) -> dict:
     """Medians of processor time an arm and step [µs], by shield and number of arms; "single" is the single one."""
     import gymnasium as gym
     import numpy as np
@@ -43,7 +43,8 @@ def costs(counts: tuple[int, ...], rounds: int) -> dict:
 
     found: dict = {}
     for name, shield in SHIELDS.items():
-        single = gym.make("jssa_gym/Reach-v0", terminate_on=(), disable_env_checker=True, max_episode_steps=10**9)
+        same = {"human": human, "terminate_on": (), "max_episode_steps": 10**9}
+        single = gym.make("jssa_gym/Reach-v0", disable_env_checker=True, **same)
         if isinstance(shield, str):
             single = jssa_gym.Shield(single, shield)
         elif shield is not None:
@@ -51,9 +52,7 @@ def costs(counts: tuple[int, ...], rounds: int) -> dict:
         single.reset(seed=0)
         stepped = {"single": (single, (action[0] for action in _policy(1, 6)), 200, 1)}
         for count in counts:
-            many = gym.make_vec(
-                "jssa_gym/Reach-v0", count, shield=shield, terminate_on=(), max_episode_steps=10**9
-            )  # fmt: skip
+            many = gym.make_vec("jssa_gym/Reach-v0", count, shield=shield, **same)
             many.reset(seed=0)
             stepped[str(count)] = (many, _policy(count, 6), max(4, 400 // count), count)
         times: dict = {key: [] for key in stepped}
@@ -66,17 +65,17 @@ def costs(counts: tuple[int, ...], rounds: int) -> dict:
     return found
 
 
-def memory(count: int) -> float:
+def memory(count: int, human: str) -> float:
     """Memory that ``count`` shielded environments hold, an environment [KiB]: what Python and NumPy allocate."""
     import tracemalloc
 
     import gymnasium as gym
 
-    small = gym.make_vec("jssa_gym/Reach-v0", 2, shield={})
+    small = gym.make_vec("jssa_gym/Reach-v0", 2, shield={}, human=human)
     small.reset(seed=0)
     small.step(next(_policy(2, 6)))  # what all share is there
     tracemalloc.start()
-    many = gym.make_vec("jssa_gym/Reach-v0", count, shield={})
+    many = gym.make_vec("jssa_gym/Reach-v0", count, shield={}, human=human)
     many.reset(seed=0)
     for _ in range(3):
         many.step(next(_policy(count, 6)))
@@ -89,12 +88,13 @@ def memory(count: int) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--human", default="random", help="people by name; default: random")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    found = {"cost": costs(COUNTS, options.rounds)}
-    large = costs((256, 16384), 3)
+    found = {"cost": costs(COUNTS, options.rounds, options.human)}
+    large = costs((256, 16384), 3, options.human)
     found["16384 beside 256"] = {name: times["16384"] / times["256"] for name, times in large.items()}
-    found["KiB an environment"] = memory(2048)
+    found["KiB an environment"] = memory(2048, options.human)
     if options.json:
         print(json.dumps(found, indent=1))
         return

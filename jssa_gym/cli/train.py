@@ -99,7 +99,7 @@ class Train:
     set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...")] = field(default=())
     """Hyper-parameters of the algorithm, such as learning_rate=0.001 width=128."""
     threads: int = 1
-    """Threads of torch; small networks are fastest with one."""
+    """Threads of torch, in each training; small networks are fastest with one."""
     video: bool = True
     """Whether a film of the best policy is made at the end; it needs the extra plots."""
     json: bool = False
@@ -187,13 +187,10 @@ class Train:
         replace(config, seed=seeds[-1])  # is one, too
         from jssa_gym.train import train_seeds
 
-        import torch  # isort: skip
-
-        torch.set_num_threads(self.threads)
         writable_folder(self.out, "seed-*")
         command = shlex.join(["jssa-gym", *sys.argv[1:]])
         try:
-            outcomes = train_seeds(config, seeds, self.out, jobs, say=_say, command=command)
+            outcomes = train_seeds(config, seeds, self.out, jobs, threads=self.threads, say=_say, command=command)
         except KeyboardInterrupt:
             _say(f"stopped; the same command goes on from the last checkpoints in {self.out}")
             raise SystemExit(130) from None

@@ -2,43 +2,34 @@
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.files import load
 from jssa_gym.humans.motion import CLEARANCE, HumanMotion
-from jssa_gym.humans.recording import Recording, nearest_root
+from jssa_gym.humans.recording import Recording, nearest_root, turning
+from jssa_gym.kernels.playing import BACK_AND_FORTH, HOLD, LOOP, PLAYER, aim_player, step_player
+from jssa_gym.kernels.records import records
 from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.validation import known_name, low_high, number_within, positive_number
 
 REACH_AND_RETREAT = Path(__file__).parent / "recordings" / "reach_and_retreat.npz"
 """The recording that comes with the package; ``examples/make_recording.py`` synthesises it."""
 
+Placement = tuple[Array, Array]
+"""Of a recording: a turn about the base axis, shape (3, 3), then a way, shape (3,) [m]."""
+
 _CLOSED = 1e-6
 """Distance within which the last sample of a recording that is played in a loop is the first [m]."""
 
 
-def _held(time: float, duration: float) -> float:
-    return min(time, duration)
-
-
-def _looped(time: float, duration: float) -> float:
-    return time % duration
-
-
-def _to_and_fro(time: float, duration: float) -> float:
-    return duration - abs(duration - time % (2.0 * duration))
-
-
-_AFTERWARDS: dict[str, Callable[[float, float], float]] = {
-    "hold": _held,
-    "loop": _looped,
-    "back_and_forth": _to_and_fro,
-}
+_AFTERWARDS = {"hold": HOLD, "loop": LOOP, "back_and_forth": BACK_AND_FORTH}
 
 
 class Recorded(HumanMotion):
@@ -64,6 +55,15 @@ class Recorded(HumanMotion):
     """
 
     reacts = False
+    times: Array
+    """Of the samples, the first is 0, shape (T,) [s]."""
+    record: NDArray[Any]
+    """Where in the recording it is, shape (1,) of ``PLAYER``."""
+    samples: Array
+    """The two samples that it is between, placed: starts and ends, shape (2, 2, m, 3) [m]."""
+    ends: Array
+    """Starts, ends and their velocities, shape (4, m, 3) [m, m/s]."""
+    placement: Placement
 
     def __init__(
         self,
@@ -91,6 +91,7 @@ class Recorded(HumanMotion):
         if afterwards == "loop":
             self.recording = _closed(recording)
         self.speed_bound = self.recording.speed
+        self.times = self.recording.time - self.recording.time[0]
 
     def end_speeds_of(self, part: str) -> tuple[float, float]:
         if part not in self.recording.names:
@@ -102,55 +103,53 @@ class Recorded(HumanMotion):
         self._from(start)
 
     def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
-        placed = self._drawn(rng) if start is None else self._from(start)
-        self._time, self._ends = placed.time - placed.time[0], np.stack([placed.start, placed.end], axis=1)
-        self._person = np.full(len(placed.radius), person, np.int64)
-        self._clock, self._now = 0.0, self._ends[0].copy()
-        self._velocity = np.zeros_like(self._now)
+        self.placement = self._drawn(rng) if start is None else self._from(start)
+        self.record, self.samples = records(1, PLAYER), self._placed(0)
+        self.record[0]["afterwards"] = _AFTERWARDS[self.afterwards]
+        self.ends = np.concatenate([self.samples[0], np.zeros_like(self.samples[0])])
+        self._person = np.full(len(self.recording.radius), person, np.int64)
         return self._capsules()
 
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
-        self._now = self._now + self._velocity * dt
-        self._clock += dt
-        # aims at the sample to come from where the step before really led: nothing adds up
-        self._velocity = (self._at(self._clock) - self._now) / dt
+        chosen = step_player(self.record, self.times, self.samples, dt, self.ends)
+        while not chosen:
+            player = self.record[0]
+            self.samples, player["placed"] = self._placed(int(player["sample"])), player["sample"]
+            chosen = aim_player(self.record, self.times, self.samples, dt, self.ends)
         return self._capsules()
 
     def _capsules(self) -> CapsuleSet:
-        (start, end), (start_velocity, end_velocity) = self._now.copy(), self._velocity.copy()
-        return CapsuleSet(
-            start, end, start_velocity, end_velocity, self.recording.radius, self.recording.names, self._person
-        )
+        return CapsuleSet(*self.ends.copy(), self.recording.radius, self.recording.names, self._person)
 
-    def _at(self, time: float) -> Array:
-        """Starts and ends after so much time, shape (2, m, 3) [m]."""
-        time = _AFTERWARDS[self.afterwards](time, float(self._time[-1]))
-        k = min(max(int(np.searchsorted(self._time, time, side="right")) - 1, 0), len(self._time) - 2)
-        share = (time - self._time[k]) / (self._time[k + 1] - self._time[k])
-        return self._ends[k] + share * (self._ends[k + 1] - self._ends[k])
+    def _placed(self, sample: int) -> Array:
+        """A sample and the next as they are placed: starts and ends, shape (2, 2, m, 3) [m]."""
+        return self.recording.ends_at(np.array([sample]), self.placement[0][None], self.placement[1][None])[0]
 
-    def _drawn(self, rng: np.random.Generator) -> Recording:
+    def _drawn(self, rng: np.random.Generator) -> Placement:
         for _ in range(100):
-            placed = self.recording.turned(rng.uniform(*self.turn))
-            placed = placed.moved(np.array([rng.uniform(*along) for along in self.offset]))
-            if float(np.hypot(*nearest_root(placed.root))) >= self.clearance:
-                return placed
+            turn = turning(rng.uniform(*self.turn))
+            way = np.array([*(rng.uniform(*along) for along in self.offset), 0.0])
+            if self._nearest(turn, way) >= self.clearance:
+                return turn, way
         raise ParameterError(f"no placement of the recording keeps {self.clearance} m from the base axis")
 
-    def _from(self, start: Array) -> Recording:
+    def _nearest(self, turn: Array, way: Array) -> float:
+        """How near to the base axis a placement leads the root [m]."""
+        return float(np.hypot(*nearest_root((self.recording.start @ turn.T + way)[:, 0, :2])))
+
+    def _from(self, start: Array) -> Placement:
         if not np.all(np.isfinite(start)):
             raise ParameterError(f"a start has to be finite, got {start.tolist()}")
         root = self.recording.root[0]
-        bearing = math.atan2(start[1], start[0])
-        placed = self.recording.turned(bearing - math.atan2(root[1], root[0]))
-        placed = placed.moved(start - placed.root[0])
-        nearest = float(np.hypot(*nearest_root(placed.root)))
+        turn = turning(math.atan2(start[1], start[0]) - math.atan2(root[1], root[0]))
+        way = np.append(start - (self.recording.start[:1] @ turn.T)[0, 0, :2], 0.0)
+        nearest = self._nearest(turn, way)
         if nearest < self.clearance:
             raise ParameterError(
                 f"from start {start.tolist()} the recording leads to {nearest:.2f} m from the base axis; "
                 f"{self.clearance} m are kept"
             )
-        return placed
+        return turn, way
 
 
 def _closed(recording: Recording) -> Recording:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.exceptions import RecordingError
 from jssa_gym.humans.survey import REFUSED, Source, survey
@@ -92,14 +93,29 @@ class Recording:
 
     def turned(self, angle: float) -> "Recording":
         """All of it turned about the base axis, counter-clockwise from above [rad]."""
-        c, s = np.cos(angle), np.sin(angle)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        turn = turning(angle)
         return Recording(self.time, self.start @ turn.T, self.end @ turn.T, self.radius, self.names)
 
     def moved(self, way: Array) -> "Recording":
         """All of it moved along the floor, shape (2,) [m]."""
         way = np.append(way, 0.0)
         return Recording(self.time, self.start + way, self.end + way, self.radius, self.names)
+
+    def ends_at(self, samples: NDArray[np.int64], turn: Array, way: Array) -> Array:
+        """Samples, each with the one after it, turned about the base axis and then moved.
+
+        Args:
+            samples: Their numbers, shape (E,), before the last.
+            turn: Each one's turn, shape (E, 3, 3).
+            way: Each one's way, shape (E, 3) [m].
+
+        Returns:
+            Starts and ends, shape (E, 2, 2, m, 3) [m]: of the sample and the next, all that is :attr:`start` before all
+            that is :attr:`end`.
+        """
+        pairs = samples[:, None] + np.arange(2)
+        ends = np.stack([self.start[pairs], self.end[pairs]], axis=2)
+        return ends @ turn.transpose(0, 2, 1)[:, None, None] + way[:, None, None, None]
 
     @classmethod
     def load(cls, path: str | Path) -> "Recording":
@@ -126,6 +142,12 @@ class Recording:
         values = {name: getattr(self, name) for name in _FIELDS[:-1]}
         with whole_file(path) as file:
             write_archive(file, {"names": np.array(self.names), **values}, compressed=True)
+
+
+def turning(angle: float) -> Array:
+    """A turn about the base axis, counter-clockwise from above [rad], as a matrix, shape (3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def nearest_root(path: Array) -> Array:

@@ -1,6 +1,6 @@
 """How people walk: one step of a walker, whatever kind it is; :mod:`jssa_gym.humans` says what they are.
 
-What is random about a walker is a sequence of numbers in [0, 1), drawn from a generator as it needs them or ahead.
+What is random about a walker is a sequence of numbers in [0, 1), drawn from a generator as it needs them.
 """
 
 import math
@@ -14,8 +14,8 @@ from jssa_gym.kernels.reach import nearest_to_walker
 STRAIGHT, WANDERS, PASSES, APPROACHES, PURSUES = range(5)
 """Kinds of walkers: at constant velocity; from place to place; past the arm; up to it and back; after it."""
 
-AHEAD = 24
-"""Random numbers that can be drawn ahead."""
+AHEAD = 3
+"""Random numbers that are drawn at once, at most."""
 
 LEGS = 5
 """Legs of the way of who approaches."""

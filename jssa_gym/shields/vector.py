@@ -1,5 +1,6 @@
 """A filter between a policy and many environments at once: each is shielded as it would be alone, bit for bit."""
 
+import inspect
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from jssa_gym.shields.words import KINDS, Told, in_words, kind_codes, reason_cod
 from jssa_gym.tick import codes, layout
 from jssa_gym.tick.moves import replace_actions, take_nominals
 from jssa_gym.types import Array, Kind
+from jssa_gym.validation import known_name
 from jssa_gym.vectors import Infos, Mask, as_infos
 
 _NEEDED = (
@@ -26,6 +28,9 @@ _NEEDED = (
     *("ready", "checked"),
 )
 """What is read of a vector environment."""
+
+_OPTIONS = tuple(inspect.signature(JSSAShield).parameters)[1:]
+"""Of the shield around a single environment, which comes before them."""
 
 
 class VectorShield(VectorWrapper):
@@ -54,6 +59,8 @@ class VectorShield(VectorWrapper):
         if isinstance(filter, str):
             filter = Shield(one, filter).filter
         elif isinstance(filter, Mapping):
+            for name in filter:
+                known_name("option of the shield", name, _OPTIONS)
             filter = JSSAShield(one, **filter).filter
         if not isinstance(filter, SafetyFilter):
             raise ParameterError(f"a filter is a name, options of JSSAShield or a SafetyFilter, got {filter!r}")

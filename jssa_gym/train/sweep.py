@@ -11,6 +11,7 @@ from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.train.config import TrainConfig
 from jssa_gym.train.history import Leg
+from jssa_gym.validation import positive_integer
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,7 @@ def train_seeds(
     folder: str | Path,
     jobs: int | Cluster = 1,
     *,
+    threads: int | None = None,
     say: Callable[[str], Any] | None = None,
     command: str = "",
 ) -> tuple[SeedOutcome, ...]:
@@ -49,6 +51,7 @@ def train_seeds(
         seeds: As many trainings.
         folder: Each has ``seed-0``, ``seed-1``, … below it.
         jobs: How many processes train at once, or the cluster that does.
+        threads: Of torch, in each of them; None leaves it to torch, which takes one where there are several jobs.
         say: Told in a line what happens, by whoever trains; with several jobs it has to be picklable.
         command: Noted in the policy files.
 
@@ -56,23 +59,29 @@ def train_seeds(
         One outcome a seed, in the order of ``seeds``.
 
     Raises:
-        ParameterError: A seed is there twice, or none is.
+        ParameterError: A seed is there twice, or none is; or ``threads`` is no positive integer.
         WorkerError: A process was killed; its training goes on by the same call.
     """
     if not seeds or len(set(seeds)) != len(seeds):
         raise ParameterError(f"seeds have to be at least one, each once, got {tuple(seeds)}")
+    if threads is not None:
+        threads = positive_integer("threads", threads)
     configs = [replace(config, seed=seed) for seed in seeds]
     ended: list[SeedOutcome] = []
-    run(partial(_trained, Path(folder), say, command), configs, whose(jobs), ended.extend)
+    run(partial(_trained, Path(folder), threads, say, command), configs, whose(jobs), ended.extend)
     return tuple(sorted(ended, key=lambda one: seeds.index(one.seed)))
 
 
 def _trained(
-    folder: Path, say: Callable[[str], Any] | None, command: str, config: TrainConfig
+    folder: Path, threads: int | None, say: Callable[[str], Any] | None, command: str, config: TrainConfig
 ) -> Generator[SeedOutcome]:
     """Train with one seed, in whatever process."""
     from jssa_gym.train.loop import train
 
+    import torch  # isort: skip
+
+    if threads is not None:
+        torch.set_num_threads(threads)
     own = seed_folder(folder, config.seed)
 
     def tell(line: str) -> None:

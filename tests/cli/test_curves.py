@@ -15,12 +15,50 @@ SHORT = tuple("64" if word == "128" else word for word in TINY)
 def swept(tmp_path_factory):
     pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
     folder = tmp_path_factory.mktemp("swept") / "out"
-    return folder, cli(*SHORT, "--seed", "4", "--seeds", "2", "--jobs", "2", "--json", "--out", folder)
+    run = cli(*SHORT, "--seed", "4", "--seeds", "2", "--jobs", "2", "--json", "--out", folder)
+    return folder, run, _kept(folder)
+
+
+def _kept(folder):
+    """What both trainings left."""
+    from trainings import results
+
+    return {seed: results(folder / f"seed-{seed}") for seed in (4, 5)}
+
+
+@pytest.mark.long
+def test_ray_trains_the_same(swept, tmp_path):
+    pytest.importorskip("ray", reason="ray is not installed")
+    _, local, kept = swept
+    options = ("--seed", "4", "--seeds", "2", "--engine", "ray", "--jobs", "2", "--json", "--out", tmp_path / "ray")
+    run = cli(*SHORT, *options)
+    assert run.returncode == 0, run.stderr
+    assert _kept(tmp_path / "ray") == kept
+    assert kept[4] != kept[5]
+    told, before = json.loads(run.stdout), json.loads(local.stdout)
+    assert [(one["seed"], one["error"]) for one in told] == [(one["seed"], one["error"]) for one in before]
+    files = [sorted(path.name for path in (where / "seed-5").iterdir()) for where in (tmp_path / "ray", swept[0])]
+    assert files[0] == files[1]
+
+
+def test_threads_are_those_of_every_training(monkeypatch, here, tmp_path):
+    pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
+    import torch
+
+    from jssa_gym.train import loop
+
+    found, before = [], torch.get_num_threads()
+    monkeypatch.setattr(loop, "train", lambda config, *_, **__: found.append((config.seed, torch.get_num_threads())))
+    try:
+        here(*SHORT, "--seeds", "2", "--threads", "3", "--out", tmp_path / "out")
+    finally:
+        torch.set_num_threads(before)
+    assert found == [(0, 3), (1, 3)]
 
 
 @pytest.mark.long
 def test_several_seeds_by_one_command(swept, here):
-    folder, run = swept
+    folder, run, _ = swept
     assert run.returncode == 0, run.stderr
     told = json.loads(run.stdout)
     assert [(one["seed"], one["error"], len(one["history"])) for one in told] == [(4, "", 1), (5, "", 1)]
@@ -38,7 +76,7 @@ def test_several_seeds_by_one_command(swept, here):
 @pytest.mark.long
 def test_curves_of_them_are_drawn_and_written(swept, tmp_path, here):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-    folder, _ = swept
+    folder, *_ = swept
     run = here("curves", folder, folder / "seed-4", "--labels", "both", "one", "--out", tmp_path / "drawn")
     assert run.returncode == 0, run.stderr
     assert "interquartile means over seeds" in run.stdout

@@ -14,7 +14,18 @@ import jssa_gym
 from jssa_gym.envs.tasks import TASKS, Reach, Track
 from jssa_gym.envs.vector import VectorArmEnv
 from jssa_gym.exceptions import InterfaceError, InvalidActionError, ParameterError
-from jssa_gym.humans import HUMANS, Crowd, RandomWalk
+from jssa_gym.humans import (
+    HUMANS,
+    Crowd,
+    Hand,
+    Paced,
+    Pursuit,
+    RandomWalk,
+    Recorded,
+    Recording,
+    Steered,
+    make_human,
+)
 from jssa_gym.registration import ENTRIES
 from jssa_gym.robots import ROBOTS
 from jssa_gym.shields import FILTERS, PROFILES, JSSAFilter, JSSAShield, Shield, make_filter
@@ -89,23 +100,90 @@ def test_every_task_beside_everybody_is_as_alone(task, human, mode):
     assert pair.over >= 8
 
 
-@pytest.mark.parametrize("human", ["random", "walk_by", "hand", "pursuit"])
+@pytest.mark.parametrize("human", ["random", "walk_by", "hand", Pursuit(feint=True)], ids=str)
 def test_long_episodes_draw_what_single_ones_draw(human):
-    # longer than what is drawn ahead lasts, and episodes behind them: nothing drawn ahead is lost or used twice
+    # and episodes behind them: nothing that was drawn is lost or used twice
     Pair(3, "reach", human=human, limit=420, terminate_on=(), mode=AutoresetMode.SAME_STEP).play(1000, size=0.2)
 
 
 def test_who_draws_again_and_again_draws_what_a_single_one_draws():
     restless = RandomWalk(2.0, 3.0, 0.05, ((0.7, 1.0), (-0.2, 0.2)), acceleration=None)
-    pair = Pair(2, "reach", human=restless, limit=700, terminate_on=()).play(650, size=0.2)
-    assert pair.vector._crowd._given.min() > 48  # two blocks, and more
-    for _ in range(80):
+    pair = Pair(2, "reach", human=restless, limit=700, terminate_on=())
+    pair.reset(seed=0)
+    before = [rng.bit_generator.state for rng in pair.vector.np_random]
+    for _ in range(300):
         pair.step(np.zeros((2, 6)))
+    for rng, alone, state in zip(pair.vector.np_random, pair.singles.np_random, before, strict=True):
+        assert rng.bit_generator.state == alone.bit_generator.state != state
 
 
-@pytest.mark.parametrize("human", [["random", "walk_by"], Crowd([RandomWalk(), RandomWalk()])])
-def test_crowds_are_as_alone(human):
-    Pair(2, "home", human=human).play(130)
+def recording(loop=False):
+    """Two capsules of somebody who goes up to the arm and back, with samples at uneven times; their number is odd."""
+    time = 2.0 + np.cumsum(np.random.default_rng(5).uniform(0.002, 0.09, 41))
+    way = 1.5 - 0.7 * np.sin(np.pi * (time - time[0]) / (time[-1] - time[0]) * (1.0 if loop else 0.7))
+    start = way[:, None, None] * np.array([[1.0, 0.1, 0.0], [0.9, -0.2, 0.0]]) + np.array([0.0, 0.0, 1.1])
+    end = start + np.array([-0.3, 0.1, 0.2])
+    ends = (np.concatenate([x[:-1], x[:1]]) if loop else x for x in (start, end))
+    return Recording(time, *ends, np.array([0.1, 0.2]), ("right_arm", "core_body"))
+
+
+CROWDS = {
+    "draw at once": ["walk_by", "walk_by", "random"],
+    "the same": Crowd([RandomWalk(), RandomWalk()]),
+    "all draw": ["random", "hand", "recorded", Pursuit(feint=True)],
+    "a crowd in a crowd": [Crowd([make_human("recorded"), Recorded(recording())]), "receive", "none"],
+    "slow": Paced(Crowd([Hand(), Paced(RandomWalk(), (0.2, 0.9)), Recorded()]), (0.3, 1.0)),
+    "standing": [Paced(Recorded(), (0.0, 0.0)), "walk_by"],
+    "steered": [Steered([[-1.0, 0.2, 1.0]] * 3), "random"],
+}
+
+
+@pytest.mark.parametrize("crowd", CROWDS)
+@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.DISABLED])
+def test_crowds_are_as_alone(crowd, mode):
+    Pair(3, "home", human=CROWDS[crowd], mode=mode, limit=110, terminate_on=()).play(250)
+
+
+RECORDED = {
+    "hold": {},
+    "back_and_forth": {"afterwards": "back_and_forth"},
+    "loop": {"recording": recording(loop=True), "afterwards": "loop"},
+    "slow": {"pace": 0.3, "afterwards": "back_and_forth"},
+    "fast": {"pace": 4.0, "afterwards": "back_and_forth"},
+    "anywhere": {"turn": (-3.0, 3.0), "offset": ((-0.2, 0.4), (-0.3, 0.3)), "clearance": 0.3},
+}
+
+
+@pytest.mark.parametrize("how", RECORDED)
+def test_recordings_are_as_alone(how):
+    human = Recorded(**({"recording": recording()} | RECORDED[how]))
+    pair = Pair(3, "track", human=human, limit=400, terminate_on=(), mode=AutoresetMode.SAME_STEP)
+    pair.play(30, size=0.2)
+    start = {"human_start": np.array([1.4, 0.3])}
+    pair.reset(options=start)
+    for _ in range(450):  # longer than the recording
+        pair.step(np.zeros((3, 6)))
+
+
+def test_nobody_is_moved_in_python_but_who_is_steered(monkeypatch):
+    asked = []
+    for kind in (*HUMANS.values(), Paced, Crowd, Steered):
+        monkeypatch.setattr(kind, "step", lambda self, dt, robot: asked.append(type(self)) or self.reset(None))
+    everybody = Paced(Crowd([make() for make in HUMANS.values()]), (0.5, 1.0))
+    for human, seen in (([everybody, "recorded"], []), (Steered([[0.0, 0.1]]), [Steered] * 2)):
+        env = VectorArmEnv(2, "home", human=human)
+        env.reset(seed=0)
+        env.step(np.zeros((2, 6)))
+        assert asked == seen
+
+
+def test_a_recording_is_there_once_for_all_arms():
+    time = np.linspace(0.0, 10.0, 2001)
+    body = np.zeros((2001, 6, 3)) + np.array([1.5, 0.0, 1.0])
+    human = [Recorded(Recording(time, body, body + 0.1, np.full(6, 0.1), tuple("abcdef"))), "random"]
+    few, many = (pickle.dumps(VectorArmEnv(n, "home", human=human)._crowd) for n in (10, 110))
+    assert len(few) > body.nbytes
+    assert len(many) - len(few) < 100 * 4096
 
 
 FILTERED = [*FILTERS, *PROFILES, "shielded", "jssa+stop", {}, {"lambda1": 3.0, "lambda2": 1.0}]
@@ -288,6 +366,8 @@ class OwnWalk(RandomWalk):
         ({"num_envs": 0}, "num_envs"),
         ({"shield": "osqp"}, "unknown filter"),
         ({"shield": {"projector": "osqp"}}, "Python.*sync"),
+        ({"shield": {"typo": 1}}, "unknown option of the shield 'typo'; valid: profile, .*lambda1, .*watched"),
+        ({"human": "visitors"}, "Visitors come and go.*sync"),
     ],
 )
 def test_what_cannot_be_batched_is_refused_by_name(arguments, said):

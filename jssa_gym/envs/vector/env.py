@@ -103,6 +103,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         """Joint states, rows position, velocity, acceleration."""
         self.time = np.zeros(count)
         """Of each episode [s]."""
+        self._dts = np.full(count, self.dt)
         self._steps, self._held = np.zeros((2, count), np.int64)
         self._over = np.zeros(count, np.bool_)
         self.began = np.zeros(count, np.bool_)
@@ -143,8 +144,6 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
     @property
     def np_random(self) -> tuple[np.random.Generator | None, ...]:  # ty: ignore[incompatible-property-override]
         """Generator of every environment; None for none so far."""
-        for e in range(self.num_envs):
-            self._crowd.settle(e)
         return tuple(self._rngs)
 
     # ---- beginnings ------------------------------------------------------------------------------------
@@ -176,9 +175,8 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         """Begin an episode of each arm ``which`` as a single environment begins it; what is said of them."""
         one, crowd, values = self.prototype, self._crowd, {}
         for e in np.flatnonzero(which).tolist():
-            crowd.settle(e)
             one._np_random, one._np_random_seed = self._rngs[e], self._seeds[e]
-            one.human = crowd.motions[e]
+            one.human = crowd.motion_of(e)
             self._observations[e], info = one.reset(seed=seeds[e], options=options)
             self._rngs[e], self._seeds[e] = one._np_random, one._np_random_seed
             self.state[e], self.time[e], self._steps[e], self._held[e] = one._state, 0.0, 0, 0
@@ -265,7 +263,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
     ) -> tuple[dict[str, NDArray[Any]], Array, Mask, NDArray[np.float32]]:
         """Move people and arms, and judge what has become of them; what is said of arms that do not live is nothing."""
         one, crowd, seen, task = self.prototype, self._crowd, self._measured, self._task
-        crowd.step(live, self.dt, seen.segments, self.robot.capsule_names)
+        crowd.step(live, self._dts, seen.segments, self.robot.capsule_names)
         self._steps[live] += 1
         self.time = self._steps * self.dt
         body, scratch = one._around.pointers

@@ -1,19 +1,20 @@
 """People beside many arms: each arm's move as they would beside a single one."""
 
-import copy
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Nobody, Paced, Steered, make_human, nobody
+from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Paced, Recorded, Steered, make_human, nobody
 from jssa_gym.humans.hand import Gesturer
 from jssa_gym.humans.walker import Walker
-from jssa_gym.kernels.limbs import GESTURE, LIMB, go_on
+from jssa_gym.kernels.limbs import GESTURE, LIMB
+from jssa_gym.kernels.playing import PLAYER
 from jssa_gym.kernels.records import records
-from jssa_gym.kernels.walkers import AHEAD, WALKER, choose
-from jssa_gym.tick.walks import gesture_all, place_gesture, place_walker, walk_all
+from jssa_gym.kernels.walkers import WALKER
+from jssa_gym.tick.walks import gesture_all, play_all, walk_all
 from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.vectors import Mask
 
@@ -47,133 +48,247 @@ class Beside:
     """People beside many arms; subclasses say how they move. Whoever keeps still, as nobody does, needs none.
 
     Args:
-        motions: Who is beside each arm; the same object may be it for all, if nothing of it is kept.
+        motion: Who is beside each arm.
+        count: How many arms.
         parts: How many capsules are beside each.
     """
 
-    def __init__(self, motions: list[HumanMotion], parts: int) -> None:
-        self.motions = motions
-        self.ends = np.zeros((len(motions), 4, parts, 3))
+    def __init__(self, motion: HumanMotion, count: int, parts: int) -> None:
+        self._motion = motion
+        self.ends = np.zeros((count, 4, parts, 3))
         """Starts, ends and their velocities of human capsules, shape (E, 4, k, 3) [m, m/s]."""
-        self.radius = np.zeros((len(motions), parts))
+        self.radius = np.zeros((count, parts))
         """Shape (E, k) [m]."""
 
+    def motion_of(self, e: int) -> HumanMotion:
+        """What begins the episodes of arm ``e``; the same for all, if it keeps nothing of them."""
+        return self._motion
+
     def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
-        """An episode of arm ``e`` begins, with people as ``motions[e]`` and ``people`` have them now."""
+        """An episode of arm ``e`` begins, with people as :meth:`motion_of` and ``people`` have them now."""
         self.ends[e], self.radius[e] = people[:4], people.radius
 
-    def settle(self, e: int) -> None:
-        """The generator of arm ``e`` is about to be used by somebody else."""
+    def step(self, live: Mask, dt: Array, segments: NDArray[Any], names: tuple[str, ...]) -> None:
+        """Move on beside those arms that are ``live``.
 
-    def step(self, live: Mask, dt: float, segments: NDArray[Any], names: tuple[str, ...]) -> None:
-        """Move on by ``dt`` [s] beside those arms that are ``live``; their capsules are of shape (E, m) or (E, 0)."""
+        Args:
+            live: Shape (E,).
+            dt: For how long, shape (E,) [s].
+            segments: The arms' capsules, shape (E, m), or (E, 0) if nobody looks.
+            names: Of these capsules.
+        """
 
 
 class OneByOne(Beside):
     """People who are moved in Python, an object for each arm."""
 
-    def step(self, live: Mask, dt: float, segments: NDArray[Any], names: tuple[str, ...]) -> None:
+    def __init__(self, motion: HumanMotion, count: int, parts: int) -> None:
+        super().__init__(motion, count, parts)
+        self._motions = [make_human(motion) for _ in range(count)]
+
+    def motion_of(self, e: int) -> HumanMotion:
+        return self._motions[e]
+
+    def step(self, live: Mask, dt: Array, segments: NDArray[Any], names: tuple[str, ...]) -> None:
         for e in np.flatnonzero(live):
             robot = _capsules(segments[e], names) if segments.shape[1] else nobody()
-            people = self.motions[e].step(dt, robot)
+            people = self._motions[e].step(float(dt[e]), robot)
             self.ends[e], self.radius[e] = people[:4], people.radius
 
 
-class DrawnAhead(Beside):
+class Compiled(Beside, ABC):
     """People who move as kernels say; subclasses say which.
 
-    What they need of random numbers is drawn ahead, in blocks, from a copy of each arm's generator, which is moved on
-    by as many as they used before anybody else uses it: one after the other they are those of a single environment.
+    Everybody moves in one call. Who waits for something in the middle of a step is supplied with it, and goes on in
+    another.
     """
 
     layout: ClassVar[np.dtype[Any]]
     """Of what is known of each arm's people."""
 
-    def __init__(self, motions: list[HumanMotion], parts: int) -> None:
-        super().__init__(motions, parts)
-        count = len(motions)
-        self._records, self._stuck = records(count, self.layout), np.zeros(count, np.int64)
-        self._start, self._end = np.zeros((2, count, parts, 3))
-        self._rngs: list[np.random.Generator | None] = [None] * count
-        self._ahead: dict[int, np.random.Generator] = {}
-        self._given = np.zeros(count, np.int64)
+    def __init__(self, motion: HumanMotion, count: int, parts: int) -> None:
+        super().__init__(motion, count, parts)
+        self._records, self._waits = records(count, self.layout), np.zeros(count, np.bool_)
 
     def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
         super().begin(e, people, rng)
-        motion: Any = self.motions[e]
+        motion: Any = self._motion
         self._records[e : e + 1] = motion.record
-        self._records[e]["drawn"] = self._records[e]["used"] = 0
+
+    def step(self, live: Mask, dt: Array, segments: NDArray[Any], names: tuple[str, ...]) -> None:
+        waiting = self._move(live, dt, segments, False)
+        while waiting:
+            self._supply(np.flatnonzero(self._waits))
+            waiting = self._move(self._waits, dt, segments, True)
+
+    @abstractmethod
+    def _move(self, live: Mask, dt: Array, segments: NDArray[Any], again: bool) -> int:
+        """Move those who are ``live``; how many wait. Arguments as of :func:`~jssa_gym.tick.walks.walk_all`."""
+
+    @abstractmethod
+    def _supply(self, who: NDArray[np.intp]) -> None:
+        """Give those who wait, by number, what they lack."""
+
+
+class Drawing(Compiled):
+    """People who draw as they go, each from the generator of their own arm, as many numbers as they need."""
+
+    def __init__(self, motion: HumanMotion, count: int, parts: int) -> None:
+        super().__init__(motion, count, parts)
+        self._start, self._end = np.zeros((2, count, parts, 3))
+        self._rngs: list[np.random.Generator | None] = [None] * count
+
+    def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
+        super().begin(e, people, rng)
+        motion: Any = self._motion
         self._start[e], self._end[e] = motion.body.start, motion.body.end
-        self._rngs[e], self._given[e] = rng, 0
-        self._ahead.pop(e, None)
+        self._rngs[e] = rng
 
-    def settle(self, e: int) -> None:
-        record, rng = self._records[e], self._rngs[e]
-        used = int(self._given[e] - (record["drawn"] - record["used"]))
-        if rng is not None and used:
-            rng.random(used)
-            self._given[e] -= used
+    @property
+    def _body(self) -> tuple[Array, Array, Array]:
+        return self._start, self._end, self.radius[0]
 
-    def _draw_ahead(self, e: int) -> None:
-        """Fill up what arm ``e``'s people have of random numbers."""
-        if e not in self._ahead:
-            self._ahead[e] = copy.deepcopy(self._rngs[e])  # ty: ignore[invalid-assignment]  # who moves has one
-        record = self._records[e]
-        left = record["ahead"][record["used"] : record["drawn"]].copy()
-        fresh = self._ahead[e].random(AHEAD - len(left))
-        record["ahead"], record["drawn"], record["used"] = np.concatenate([left, fresh]), AHEAD, 0
-        self._given[e] += len(fresh)
+    def _supply(self, who: NDArray[np.intp]) -> None:
+        ahead, counts = self._records["ahead"], self._asked(who)
+        for e, count in zip(who.tolist(), counts.tolist(), strict=True):
+            ahead[e, :count] = self._rngs[e].random(count)  # who draws has one
+        self._records["drawn"][who], self._records["used"][who] = counts, 0
+
+    @abstractmethod
+    def _asked(self, who: NDArray[np.intp]) -> NDArray[np.int64]:
+        """How many random numbers each of them needs."""
 
 
-class Walkers(DrawnAhead):
+class Walkers(Drawing):
     """People who walk."""
 
     layout = WALKER
 
-    def step(self, live: Mask, dt: float, segments: NDArray[Any], names: tuple[str, ...]) -> None:
-        walkers, start, end = self._records, self._start, self._end
-        stuck = walk_all(walkers, start, end, self.radius[0], live, dt, segments, (self.ends, self._stuck))
-        for e in self._stuck[:stuck].tolist():
-            self._draw_ahead(e)
-            while not choose(walkers[e : e + 1], dt):
-                self._draw_ahead(e)
-            place_walker(walkers, start, end, e, self.ends)
+    def _move(self, live: Mask, dt: Array, segments: NDArray[Any], again: bool) -> int:
+        return walk_all(self._records, self._body, live, dt, segments, self.ends, self._waits, again)
+
+    def _asked(self, who: NDArray[np.intp]) -> NDArray[np.int64]:
+        motion: Any = self._motion
+        return np.full(len(who), motion.draws)
 
 
-class Gesturers(DrawnAhead):
+class Gesturers(Drawing):
     """People who stand and move their hands."""
 
     layout = GESTURE
 
-    def __init__(self, motions: list[HumanMotion], parts: int) -> None:
-        super().__init__(motions, parts)
-        self._limbs = records((len(motions), 2), LIMB)
+    def __init__(self, motion: HumanMotion, count: int, parts: int) -> None:
+        super().__init__(motion, count, parts)
+        self._limbs = records((count, 2), LIMB)
 
     def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
         super().begin(e, people, rng)
-        motion: Any = self.motions[e]
+        motion: Any = self._motion
         self._limbs[e] = motion.limbs
 
-    def step(self, live: Mask, dt: float, segments: NDArray[Any], names: tuple[str, ...]) -> None:
-        people, limbs, start, end = self._records, self._limbs, self._start, self._end
-        stuck = gesture_all(people, limbs, start, end, live, dt, segments, (self.ends, self._stuck))
-        for e in self._stuck[:stuck].tolist():
-            robot = _capsules(segments[e], names) if segments.shape[1] else nobody()
-            self._draw_ahead(e)
-            while not go_on(people[e : e + 1], limbs[e], dt, robot.start, robot.end, robot.radius):
-                self._draw_ahead(e)
-            place_gesture(people, limbs, start, end, e, self.ends)
+    def _move(self, live: Mask, dt: Array, segments: NDArray[Any], again: bool) -> int:
+        gestures = (self._records, self._limbs)
+        return gesture_all(gestures, self._body, live, dt, segments, self.ends, self._waits, again)
+
+    def _asked(self, who: NDArray[np.intp]) -> NDArray[np.int64]:
+        return self._records["asks"][who]
+
+
+class Players(Compiled):
+    """People who play one recording, each placed elsewhere: all read the one, and have two samples of it placed."""
+
+    layout = PLAYER
+
+    def __init__(self, motion: Recorded, count: int, parts: int) -> None:
+        super().__init__(motion, count, parts)
+        self._recorded = motion
+        self._samples = np.zeros((count, 2, 2, parts, 3))
+        self._turn, self._way = np.zeros((count, 3, 3)), np.zeros((count, 3))
+
+    def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
+        super().begin(e, people, rng)
+        one = self._recorded
+        self.ends[e], self._samples[e] = one.ends, one.samples
+        self._turn[e], self._way[e] = one.placement
+
+    def _move(self, live: Mask, dt: Array, segments: NDArray[Any], again: bool) -> int:
+        times = self._recorded.times
+        return play_all(self._records, times, self._samples, live, dt, self.ends, self._waits, again)
+
+    def _supply(self, who: NDArray[np.intp]) -> None:
+        wanted = self._records["sample"][who]
+        self._samples[who] = self._recorded.recording.ends_at(wanted, self._turn[who], self._way[who])
+        self._records["placed"][who] = wanted
+
+
+class Crowds(Beside):
+    """Several motions at once: each moves beside all arms, one after the other, as in a single crowd."""
+
+    def __init__(self, motion: Crowd, count: int, parts: int) -> None:
+        super().__init__(motion, count, parts)
+        self._members: list[tuple[Beside, slice]] = []
+        first = 0
+        for one in motion.motions:
+            last = first + len(make_human(one).reset(np.random.default_rng(0)).radius)
+            self._members.append((beside(one, count, last - first), slice(first, last)))
+            first = last
+
+    def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
+        super().begin(e, people, rng)
+        for member, own in self._members:
+            member.begin(e, CapsuleSet._make(field[own] for field in people), rng)
+
+    def step(self, live: Mask, dt: Array, segments: NDArray[Any], names: tuple[str, ...]) -> None:
+        for member, own in self._members:
+            member.step(live, dt, segments, names)
+            self.ends[:, :, own] = member.ends
+
+
+class Slowed(Beside):
+    """People in slow motion, each at the pace of their own episode."""
+
+    def __init__(self, motion: Paced, count: int, parts: int) -> None:
+        super().__init__(motion, count, parts)
+        self._paced, self._pace = motion, np.zeros(count)
+        self._others = beside(motion.motion, count, parts)
+
+    def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
+        super().begin(e, people, rng)
+        self._others.begin(e, people, rng)
+        self._pace[e] = self._paced.now
+
+    def step(self, live: Mask, dt: Array, segments: NDArray[Any], names: tuple[str, ...]) -> None:
+        moves = live & (self._pace > 0.0)
+        self._others.step(moves, self._pace * dt, segments, names)
+        self.ends[moves] = self._others.ends[moves]
+        self.ends[moves, 2:] *= self._pace[moves, None, None, None]
 
 
 def beside(motion: HumanMotion, count: int, parts: int) -> Beside:
-    """People as ``motion`` has them beside so many arms; ``parts`` are their capsules."""
-    if isinstance(motion, Nobody):
-        return Beside([motion] * count, parts)
+    """People as ``motion`` has them beside so many arms; ``parts`` are their capsules.
+
+    What begins their episodes is ``motion`` itself, unless they are moved :class:`OneByOne`.
+    """
+    if _steered(motion):
+        return OneByOne(motion, count, parts)
+    if isinstance(motion, Crowd):
+        return Crowds(motion, count, parts)
+    if isinstance(motion, Paced):
+        return Slowed(motion, count, parts)
+    if isinstance(motion, Recorded):
+        return Players(motion, count, parts)
     if isinstance(motion, Walker):
-        return Walkers([motion] * count, parts)
+        return Walkers(motion, count, parts)
     if isinstance(motion, Gesturer):
-        return Gesturers([motion] * count, parts)
-    return OneByOne([make_human(motion) for _ in range(count)], parts)
+        return Gesturers(motion, count, parts)
+    return Beside(motion, count, parts)  # nobody
+
+
+def _steered(motion: HumanMotion) -> bool:
+    """Whether anybody is steered."""
+    if isinstance(motion, Crowd):
+        return any(_steered(one) for one in motion.motions)
+    return _steered(motion.motion) if isinstance(motion, Paced) else isinstance(motion, Steered)
 
 
 def _capsules(segments: NDArray[Any], names: tuple[str, ...]) -> CapsuleSet:

@@ -1,6 +1,7 @@
 """The package's tasks for many arms at once: the same numbers as :mod:`jssa_gym.envs.tasks` has for one."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -36,7 +37,7 @@ def root_mean_square(gap: Array) -> Array:
     return np.sqrt((gap[:, None, :] @ gap[:, :, None])[:, 0, 0] / gap.shape[1])
 
 
-class TaskBatch:
+class TaskBatch(ABC):
     """A task of many arms; subclasses say which. Methods as of :class:`~jssa_gym.envs.tasks.Task`."""
 
     task: Any
@@ -52,24 +53,24 @@ class TaskBatch:
         """Arm ``e``'s goal; a view."""
         return self.goal[e]
 
-    def advance(self, moments: Moments, ends: Array, live: Mask, dt: float) -> None:
+    def advance(self, moments: Moments, ends: Array, live: Mask, dt: float) -> None:  # noqa: B027  # none may
         """Let goals go with people, whose capsules' ends are of shape (E, 4, k, 3), and count what was done of them."""
 
+    @abstractmethod
     def value(self, moments: Moments) -> Array:
         """Shape (E,)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def reached(self, value: Array, moments: Moments) -> Mask:
         """Shape (E,)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def rewarded(self, value: Array, success: Mask) -> tuple[Array, ...]:
         """Values of the task's terms, shape (E,) each."""
-        raise NotImplementedError
 
+    @abstractmethod
     def observe(self, moments: Moments) -> Array:
         """Raw values of the task's features, shape (E, size)."""
-        raise NotImplementedError
 
     def metrics(self, value: Array) -> dict[str, NDArray[Any]]:
         """Further entries of ``info``, shape (E,) each."""
