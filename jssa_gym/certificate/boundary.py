@@ -12,7 +12,7 @@ from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array
-from jssa_gym.validation import known_name, low_high, number_within, positive_number
+from jssa_gym.validation import check_fields, known_name, low_high, number_within, positive_number
 
 KEPT = 1e-6
 """Index [m²] up to which a state counts as kept, as in the filter."""
@@ -62,13 +62,10 @@ class Domain:
     """Whether the jerk has to keep the joint limits recoverable, or only its own bounds."""
 
     def __post_init__(self) -> None:
-        for name in ("tip_speed", "human_speed", "radius"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("tip_speed", "human_speed", "radius"), positive_number)
         object.__setattr__(self, "distance", low_high("distance", self.distance))
-        for name in ("speed_share", "acceleration_share"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0, 1.0))
-        for name in ("authority", "band"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
+        check_fields(self, ("speed_share", "acceleration_share"), number_within, 0.0, 1.0)
+        check_fields(self, ("authority", "band"), number_within, 0.0)
         if not isinstance(self.viable, bool):
             raise ParameterError(f"viable has to be True or False, got {self.viable!r}")
 

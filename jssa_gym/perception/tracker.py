@@ -13,7 +13,7 @@ from jssa_gym.perception.filtering import VelocityFilter, velocity_lag
 from jssa_gym.perception.skeletons import BodyPart, KeypointTable, ancestors, make_skeleton
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.types import Array, CapsuleSet, Scene
-from jssa_gym.validation import number_within, positive_number
+from jssa_gym.validation import check_fields, number_within, positive_number
 
 _ROUNDING = 1e-9
 """Added to what a keypoint may have moved [m]."""
@@ -77,8 +77,7 @@ class TrackerParams:
         object.__setattr__(self, "sure", positive_number("sure", self.sure))
         object.__setattr__(self, "unsure", number_within("unsure", self.unsure, self.sure))
         object.__setattr__(self, "hold", number_within("hold", self.hold, 0.0))
-        for name in ("acceleration", "deviation"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("acceleration", "deviation"), positive_number)
 
     def lag(self, rate: float) -> float:
         """By how much time velocities lag behind a steady acceleration at so many frames a second [s].

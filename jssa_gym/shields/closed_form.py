@@ -10,7 +10,7 @@ from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.tick.proposals.fields import Repulsion, SlidingMode
 from jssa_gym.tick.proposals.pairs import reported
 from jssa_gym.tick.proposals.separation import ProtectiveDistance
-from jssa_gym.validation import known_name, number_within, positive_number, share
+from jssa_gym.validation import check_fields, known_name, number_within, positive_number, share
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +33,7 @@ class PFMParams:
     """Whether the closest pair repels, or all pairs do."""
 
     def __post_init__(self) -> None:
-        for name in ("influence", "strength", "damping", "lag"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("influence", "strength", "damping", "lag"), positive_number)
         known_name("rows", self.rows, ROWS)
 
 
@@ -87,8 +86,7 @@ class SMAParams:
 
     def __post_init__(self) -> None:
         IndexParams(d_min=self.d_min, lambda1=self.lambda1, lambda2=self.lambda2)
-        for name in ("d_min", "lambda1", "lambda2", "gain"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("d_min", "lambda1", "lambda2", "gain"), positive_number)
         share("gain", self.gain)
         known_name("rows", self.rows, ROWS)
 
@@ -138,8 +136,7 @@ class SSMParams:
     def __post_init__(self) -> None:
         if self.human_speed is not None:
             object.__setattr__(self, "human_speed", positive_number("human_speed", self.human_speed))
-        for name in ("latency", "intrusion", "human_error", "robot_error", "hysteresis"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
+        check_fields(self, ("latency", "intrusion", "human_error", "robot_error", "hysteresis"), number_within, 0.0)
 
 
 class SSMFilter(SafetyFilter):
