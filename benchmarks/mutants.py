@@ -74,8 +74,8 @@ def _closer(name, old, new, tests=(CLOSER, "pieces or swerve or nobody")):
     return Mutant(name, "kernels/occupancy.py", old, new, tests)
 
 
-def _seen(name, old, new, tests):
-    return Mutant(name, "perception/tracker.py", old, new, (SEEN, tests))
+def _seen(name, old, new, tests, file="tracked_body"):
+    return Mutant(name, f"perception/{file}.py", old, new, (SEEN, tests))
 
 
 def _admit(name, old, new, tests=ASSUMPTIONS):
@@ -1260,6 +1260,7 @@ MUTANTS = [
         "whole[i] &= ~mistaken | whole[j]",
         "whole[i] &= ~mistaken | True",
         "whoever_is_called",
+        "tracker",
     ),
     _seen(
         "keypoints: places are the filter's",
@@ -1282,6 +1283,7 @@ MUTANTS = [
         "self._stranger = self._stranger or not",
         "self._stranger = not",
         "announced",
+        "tracker",
     ),
     _seen(
         "keypoints: half seen is seen",
