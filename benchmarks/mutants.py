@@ -127,9 +127,9 @@ def _stream(name, old, new, tests):
 PERSON = """                radii = part["radius"] + agent["radius"]
 """
 STATIC = """                radii = part["radius"] + static["radius"]"""
-FAILED = """            reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
-            self._alarm.failure("filter", f"{reason}; the arm brakes")
-            return self.failed(tick, reason)"""
+FAILED = """        reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
+        alarm.failure("filter", f"{reason}; the arm brakes")
+        return filter.failed(tick, reason)"""
 ROW = """        row[j] = -slope"""
 
 MUTANTS = [
@@ -516,15 +516,23 @@ MUTANTS = [
         (FILTERS, "frozen"),
     ),
     # failing closed
-    _filter(
+    Mutant(
         "exception returns the nominal",
+        "shields/asking.py",
         FAILED,
         FAILED.replace(
-            "self.failed(tick, reason)",
+            "filter.failed(tick, reason)",
             'Decision(tick.nominal, tick.nominal, Status.NOMINAL, "", 0.0, 0.0, (-1, -1), 0.0, 0)',
         ),
+        FAULTS,
     ),
-    _filter("a filter's own fault is applied", "if decision.status == Status.FAULT:", "if False:"),
+    Mutant(
+        "a filter's own fault is applied",
+        "shields/asking.py",
+        "if decision.status == Status.FAULT:",
+        "if False:",
+        FAULTS,
+    ),
     _decide(
         "a scene that does not fit is no fault",
         'fault, told["detail"] = take_fixtures(memory, scene, e)',
