@@ -57,7 +57,7 @@ class Contact(Overlap):
 
 
 class Excess(NamedTuple):
-    """By what share of its limit a joint exceeds it at most; negative where all stay below."""
+    """The share of its limit by which a joint exceeds it at most; negative where all stay below."""
 
     position: float
     """Share of the joint's range."""

@@ -173,7 +173,7 @@ RATE_COLUMNS = len(_RATES)
 
 
 def titles() -> list[str]:
-    """Of :func:`columns`, in words, with units."""
+    """The titles of :func:`columns`, in words, with units."""
     units = {metric.over_episodes: metric.unit for metric in METRICS}
     named = [in_words(name, units[name]) for name in (*_RATES, *_MEANS)]
     return [*named, "median time to the goal [s]", f"its ratio to {UNFILTERED}"]

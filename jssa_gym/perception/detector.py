@@ -46,7 +46,7 @@ class TrackerParams:
         check_fields(self, ("acceleration", "deviation"), positive_number)
 
     def lag(self, rate: float) -> float:
-        """By how much time velocities lag behind a steady acceleration at so many frames a second [s].
+        """The time by which velocities lag behind a steady acceleration at so many frames a second [s].
 
         Raises:
             ParameterError: The rate is not positive.

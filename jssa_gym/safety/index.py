@@ -61,7 +61,7 @@ class IndexParams:
         )
 
     def array(self) -> Array:
-        """The same as an array, shape (6,), for the kernels that are called in every tick."""
+        """The parameters as an array, shape (6,), for the kernels that are called in every tick."""
         return np.array(self.kernel(), dtype=np.float64)
 
 

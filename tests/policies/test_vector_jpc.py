@@ -87,7 +87,7 @@ def combinations() -> Iterator:
             yield pytest.param(task, shield, marks=() if (i + j) % 2 == 0 else pytest.mark.slow)
 
 
-@pytest.mark.parametrize(("task", "shield"), combinations())
+@pytest.mark.parametrize(("task", "shield"), list(combinations()))
 def test_many_do_what_each_does_by_itself(task, shield) -> None:
     both = Both(task, shield)
     elsewhere = {"joint_position": np.array(both.vector.unwrapped.robot.home) + 0.3}

@@ -144,7 +144,7 @@ def combinations():
             yield pytest.param(kind, layers, marks=marks)
 
 
-@pytest.mark.parametrize(("kind", "layers"), combinations())
+@pytest.mark.parametrize(("kind", "layers"), list(combinations()))
 def test_many_arms_decide_as_each_of_them_would_alone(robot, make_scene, kind, layers):
     episodes = [Episode(robot, make_scene, e) for e in range(ARMS)]
     alone = [KINDS[kind](robot, DT, **LAYERS[layers]) for _ in episodes]

@@ -96,7 +96,7 @@ def _stretch(log: RobotLog, inside: NDArray[np.bool_], people: Sequence[Recordin
 
 
 def spline_ends(position: Array) -> tuple[Any, Any]:
-    """Of the spline: at rest where the first, or last, three samples are alike; else the outermost pieces are one."""
+    """The spline's ends: at rest where the first, or last, three samples are alike; else the outermost pieces are one."""
     still = (1, np.zeros(position.shape[1]))
     first, last = (
         still if np.ptp(three, axis=0).max() < 1e-6 else "not-a-knot" for three in (position[:3], position[-3:])

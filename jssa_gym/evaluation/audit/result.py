@@ -124,7 +124,7 @@ class Audit:
 
     @property
     def interventions(self) -> tuple[Intervention, ...]:
-        """Of all stretches."""
+        """The interventions of all stretches."""
         return tuple(one for stretch in self.stretches for one in stretch.interventions)
 
     @property

@@ -262,7 +262,7 @@ def _axes(points: Array) -> Array:
 
 
 def _hull_volume(solid: Solid, sides: Array = _SIDES) -> float:
-    """Of points on the balls around a shape, on these sides of their centres [m³]."""
+    """The hull's volume, of points on the balls around a shape, on these sides of their centres [m³]."""
     points, radii = solid.points()
     corners = np.concatenate([points + radii[:, None] * side for side in sides])
     try:
