@@ -37,7 +37,7 @@ class Submission(Evaluation):
     by_name: ClassVar[bool] = False
 
     cells: tuple[tuple[Cell, tuple[int, ...]], ...]
-    """Of the board, with their seeds."""
+    """Cells of the board, with their seeds."""
     filter: str
     """As :func:`~jssa_gym.shields.read_name` reads it, or ``"module:factory"``, see :func:`filter_factory`."""
     policy: str = ""

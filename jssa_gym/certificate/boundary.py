@@ -55,7 +55,7 @@ class Domain:
     authority: float = 0.0
     """The joints' jerk bounds can give the distance at least so much jerk, either way [m/s³]."""
     radius: float = 0.1
-    """Of the person [m]."""
+    """Radius of the person [m]."""
     band: float = 0.0
     r"""How far below 0 :math:`\phi` may lie [m²]."""
     viable: bool = True
@@ -75,11 +75,11 @@ class BoundaryState:
     r"""An arm and a person with :math:`\phi = 0`, and the best that can be done about it."""
 
     capsule: str
-    """Of the robot; the index is that of it and the person."""
+    """Capsule of the robot; the index is that of it and the person."""
     joints: Array
     """Joint state, shape (3, n) [rad, rad/s, rad/s²]."""
     centre: Array
-    """Of the person, shape (3,) [m]."""
+    """Centre of the person, shape (3,) [m]."""
     velocity: Array
     """Shape (3,) [m/s]."""
     radius: float
@@ -89,7 +89,7 @@ class BoundaryState:
     distance: float
     """[m]."""
     rate: float
-    """Of the distance [m/s]."""
+    """Rate of change of the distance [m/s]."""
     authority: float
     """How much jerk the joints' jerk bounds can give the distance [m/s³]."""
     tip_speed: float

@@ -51,7 +51,7 @@ class Grid:
     policies: tuple[str, ...]
     faults: tuple[str, ...] = ("none",)
     episodes: int = 10
-    """Of every combination."""
+    """Episodes of every combination."""
 
     def __post_init__(self) -> None:
         known = {"filters": contender_names(), "humans": PEOPLE, "policies": POLICIES, "faults": FAULTS}

@@ -44,9 +44,9 @@ class Standing:
     filter: str
     pooled: Report
     rates: dict[str, PairedDifference]
-    """Of :data:`PAIRED_RATES`: this filter minus the first, on the same episodes; empty for the first."""
+    """Those of :data:`PAIRED_RATES`: this filter minus the first, on the same episodes; empty for the first."""
     means: dict[str, Mean]
-    """Of :data:`PAIRED_MEANS`, likewise."""
+    """Those of :data:`PAIRED_MEANS`, likewise."""
     slowdown: Slowdown | None
     """Against :data:`UNFILTERED`, see :func:`slowdown_beside_people`."""
 
@@ -61,7 +61,7 @@ class PolicyStanding:
     paired: int
     """Episodes that it shares with the best one: the same task, people and seed."""
     rates: dict[str, PairedDifference]
-    """Of :data:`PAIRED_RATES`: this policy minus the best, on the shared episodes; empty without any."""
+    """Those of :data:`PAIRED_RATES`: this policy minus the best, on the shared episodes; empty without any."""
 
     @property
     def policy(self) -> str:

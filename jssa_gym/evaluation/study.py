@@ -59,7 +59,7 @@ class Evaluation(EpisodePlan[EvaluationRow]):
     by_name: ClassVar[bool]
     """Whether names say all of an episode, so that it can be played again from its recording."""
     episodes: int
-    """Of every setting."""
+    """Episodes of every setting."""
     seed: int
     """First seed."""
     v_safe: float
@@ -105,7 +105,7 @@ class Study(Evaluation):
     humans: tuple[str, ...]
     policies: tuple[str, ...]
     episodes: int = 100
-    """Of every combination."""
+    """Episodes of every combination."""
     seed: int = 0
     """First seed."""
     steps: int = 1000
@@ -114,7 +114,7 @@ class Study(Evaluation):
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     separation: SeparationParams = field(default_factory=SeparationParams)
     trust_pickle: bool = False
-    """Of policies that are files; see :func:`~jssa_gym.policies.load_policy`."""
+    """Whether to trust policies that are files; see :func:`~jssa_gym.policies.load_policy`."""
     robot: str = DEFAULT
     """Name of a robot, or its file or prepared folder."""
     pair_policies: bool = False
@@ -200,7 +200,7 @@ class Single(Evaluation):
     """What :func:`~jssa_gym.evaluation.policy.make_policy` takes, without ``trust_pickle``: who trusts a file hands
     over what :func:`~jssa_gym.policies.load_policy` returns, for one job and no ``out`` folder."""
     env_kwargs: Mapping[str, Any] | None = None
-    """Of ``gymnasium.make``, where ``env`` is an id."""
+    """Keywords of ``gymnasium.make``, where ``env`` is an id."""
     filter: str | None = None
     """Put around the environment; None leaves it as it is."""
     episodes: int = 100

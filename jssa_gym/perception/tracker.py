@@ -23,7 +23,7 @@ class Tracked(NamedTuple):
 
     human: CapsuleSet
     age: Array
-    """Of each capsule's measurement, shape (m,) [s]; inf for what has never been seen."""
+    """Age of each capsule's measurement, shape (m,) [s]; inf for what has never been seen."""
     valid: NDArray[np.bool_]
     """Shape (m,)."""
     position_error: Array
@@ -105,7 +105,7 @@ class Tracker:
         self.refused = ""
         """Why the last frame was left out; empty if it was not."""
         self.stamp = -np.inf
-        """Of the last frame that was not left out [s]."""
+        """Stamp of the last frame that was not left out [s]."""
         self._stranger = False
         self._bodies = tuple(
             TrackedBody(self.parts, self._joints, len(self.skeleton.keypoints), self.assumed, self.params)

@@ -22,7 +22,7 @@ class PartSpeed:
     speed: float
     """Largest of its ends [m/s]."""
     time: float
-    """Of the sample at which that speed is reached, from the first [s]."""
+    """Time of the sample at which that speed is reached, from the first [s]."""
     bound: float
     """What the shield assumes [m/s]."""
     beyond: float

@@ -24,9 +24,9 @@ class PFMParams:
     influence: float = 0.5
     """Distance beyond which there is no force [m]."""
     strength: float = 1.0
-    """Of the potential, per unit of joint inertia [m²/s²]."""
+    """Strength of the potential, per unit of joint inertia [m²/s²]."""
     damping: float = 5.0
-    """Of the approach, per unit of joint inertia [1/(m² s)]."""
+    """Damping of the approach, per unit of joint inertia [1/(m² s)]."""
     lag: float = 0.05
     """Time constant with which the arm's acceleration follows the force [s]."""
     rows: Rows = "closest"

@@ -69,7 +69,7 @@ class Solid(NamedTuple):
     triangles: Array
     """Shape (t, 3, 3) [m]."""
     radius: Array
-    """Of the balls, shape (t,) [m]."""
+    """Radius of the balls, shape (t,) [m]."""
 
     def points(self) -> tuple[Array, Array]:
         """Corners that a convex shape has to hold to hold all of it, shape (p, 3) [m], and their balls', shape (p,)."""
