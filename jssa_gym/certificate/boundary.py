@@ -23,9 +23,6 @@ _DRAWS = 1 << 13
 _RAREST = 1e-3
 """Share of the draws that have to lie in the domain."""
 
-_EXTRA = 11
-"""Numbers of a draw beside the joint state."""
-
 
 @dataclass(frozen=True, slots=True)
 class Domain:
