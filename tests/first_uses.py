@@ -1,6 +1,6 @@
 """What most tests need compiled, in pieces that have little in common: several processes compile each piece once."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import evaluate
 from jssa_gym.policies.vector_jpc import VectorJPCPolicy
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.shields import FILTERS, NoFilter, Shield, make_filter
+from jssa_gym.shields import FILTERS, JSSAFilter, NoFilter, SafetyFilter, Shield
 
 DT = 0.008
 
@@ -23,10 +23,10 @@ class _Asked(NoFilter):
         return super().respond(tick)
 
 
-def _decide(name: str) -> None:
+def _decide(build: Callable[..., SafetyFilter]) -> None:
     """A control step of a filter; no environment, which has kernels of its own."""
     env = ArmEnv("home")
-    filter = make_filter(name, env.robot, DT, viability=True, failsafe=FailsafeParams())
+    filter = build(env.robot, DT, viability=True, failsafe=FailsafeParams())
     filter.reset(env.scene)
     filter.decide(env.scene, np.zeros(env.robot.n))
 
@@ -43,7 +43,7 @@ def _measure() -> None:
 
 
 def _vector() -> None:
-    envs = gym.make_vec("jssa_gym/Reach-v0", 2, shield="jssa+stop")
+    envs = gym.make_vec("jssa_gym/Reach-v0", 2)
     policy = VectorJPCPolicy(envs)
     seen, _ = envs.reset(seed=0)
     envs.step(policy(seen))
@@ -51,9 +51,10 @@ def _vector() -> None:
 
 def first_uses() -> Iterator[partial[None]]:
     """What is to be called, the longest first: what many share is then there for whoever comes later."""
-    names = list(FILTERS)
-    yield from (partial(_decide, names[0]), partial(_measure), partial(_vector))
-    yield from (partial(_decide, name) for name in names[1:])
+    first, *others = FILTERS.values()
+    yield from (partial(_decide, first), partial(_measure), partial(_vector))
+    yield from (partial(_decide, build) for build in others)
+    yield partial(_decide, partial(JSSAFilter, projector="osqp"))
     yield partial(_ask)
 
 
