@@ -129,7 +129,7 @@ def whole_number(name: str, value: Any) -> int:
 
 
 def check_fields(instance: Any, names: Iterable[str], check: Callable[..., Any], *bounds: float) -> None:
-    """Check fields of a frozen dataclass, and keep what the check makes of each.
+    """Check fields of a frozen dataclass, and keep what the check makes of each: JSON holds no numbers of numpy.
 
     Args:
         instance: The dataclass, as it is being made.

@@ -28,7 +28,7 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import Shield, read_name
 from jssa_gym.shields.registry import WHOLE
 from jssa_gym.types import Trace
-from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
+from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, whole_number
 
 
 def put_filter(env: gym.Env, name: str, assumed: FailsafeParams | None = None) -> Shield:
@@ -67,13 +67,10 @@ class Evaluation(EpisodePlan[EvaluationRow]):
     separation: SeparationParams
 
     def __post_init__(self) -> None:
-        for name, value in (
-            ("episodes", episodes_of_a_cell(self.episodes)),
-            ("seed", whole_number("seed", self.seed)),
-            ("steps", positive_integer("steps", self.steps)),
-            ("v_safe", number_within("v_safe", self.v_safe, 0.0)),
-        ):
-            object.__setattr__(self, name, value)  # JSON holds no numbers of numpy
+        object.__setattr__(self, "episodes", episodes_of_a_cell(self.episodes))
+        check_fields(self, ("seed",), whole_number)
+        check_fields(self, ("steps",), positive_integer)
+        check_fields(self, ("v_safe",), number_within, 0.0)
         if not isinstance(self.separation, SeparationParams):
             raise ParameterError(f"separation has to be SeparationParams, got {self.separation!r}")
 
