@@ -74,8 +74,8 @@ def _closer(name, old, new, tests=(CLOSER, "pieces or swerve or nobody")):
     return Mutant(name, "kernels/occupancy.py", old, new, tests)
 
 
-def _seen(name, old, new, tests):
-    return Mutant(name, "perception/tracker.py", old, new, (SEEN, tests))
+def _seen(name, old, new, tests, file="tracked_body"):
+    return Mutant(name, f"perception/{file}.py", old, new, (SEEN, tests))
 
 
 def _admit(name, old, new, tests=ASSUMPTIONS):
@@ -127,9 +127,9 @@ def _stream(name, old, new, tests):
 PERSON = """                radii = part["radius"] + agent["radius"]
 """
 STATIC = """                radii = part["radius"] + static["radius"]"""
-FAILED = """            reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
-            self._alarm.failure("filter", f"{reason}; the arm brakes")
-            return self.failed(tick, reason)"""
+FAILED = """        reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
+        alarm.failure("filter", f"{reason}; the arm brakes")
+        return filter.failed(tick, reason)"""
 ROW = """        row[j] = -slope"""
 
 MUTANTS = [
@@ -516,15 +516,23 @@ MUTANTS = [
         (FILTERS, "frozen"),
     ),
     # failing closed
-    _filter(
+    Mutant(
         "exception returns the nominal",
+        "shields/asking.py",
         FAILED,
         FAILED.replace(
-            "self.failed(tick, reason)",
+            "filter.failed(tick, reason)",
             'Decision(tick.nominal, tick.nominal, Status.NOMINAL, "", 0.0, 0.0, (-1, -1), 0.0, 0)',
         ),
+        FAULTS,
     ),
-    _filter("a filter's own fault is applied", "if decision.status == Status.FAULT:", "if False:"),
+    Mutant(
+        "a filter's own fault is applied",
+        "shields/asking.py",
+        "if decision.status == Status.FAULT:",
+        "if False:",
+        FAULTS,
+    ),
     _decide(
         "a scene that does not fit is no fault",
         'fault, told["detail"] = take_fixtures(memory, scene, e)',
@@ -1260,6 +1268,7 @@ MUTANTS = [
         "whole[i] &= ~mistaken | whole[j]",
         "whole[i] &= ~mistaken | True",
         "whoever_is_called",
+        "tracker",
     ),
     _seen(
         "keypoints: places are the filter's",
@@ -1282,6 +1291,7 @@ MUTANTS = [
         "self._stranger = self._stranger or not",
         "self._stranger = not",
         "announced",
+        "tracker",
     ),
     _seen(
         "keypoints: half seen is seen",

@@ -108,7 +108,7 @@ class MeasuredPeople:
     valid: NDArray[np.bool_] | None = None
     """Whether each capsule was measured, shape (m,); None for all."""
     frame_age: float | None = None
-    """Of the newest complete frame of a watched region, see :class:`Scene` [s]; None: ``age`` if that is one number."""
+    """Age of a watched region's newest whole frame, see :class:`Scene` [s]; None: ``age`` if that is one number."""
 
 
 class HalfSpaces(NamedTuple):
@@ -193,7 +193,7 @@ class Trace:
     human_names: Annotated[tuple[str, ...], "m"]
     """One name a human capsule: its body part."""
     plane_normal: Annotated[Array, "p 3"]
-    """Of the solid half-spaces, see :class:`Planes`."""
+    """Normals of the solid half-spaces, see :class:`Planes`."""
     plane_offset: Annotated[Array, "p"]
     """[m]."""
     plane_names: Annotated[tuple[str, ...], "p"]

@@ -1,6 +1,7 @@
 """Checks of what users pass in, before anything happens."""
 
 import math
+from collections.abc import Callable, Iterable
 from numbers import Integral, Real
 from typing import Any
 
@@ -125,3 +126,19 @@ def whole_number(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, Integral) or value < 0:
         raise ParameterError(f"{name} has to be a whole number of at least 0, got {value!r}")
     return int(value)
+
+
+def check_fields(instance: Any, names: Iterable[str], check: Callable[..., Any], *bounds: float) -> None:
+    """Check fields of a frozen dataclass, and keep what the check makes of each: JSON holds no numbers of numpy.
+
+    Args:
+        instance: The dataclass, as it is being made.
+        names: Of the fields, in the order in which they are checked.
+        check: One of the checks of this module, which takes a field's name, its value and the ``bounds``.
+        *bounds: What else it takes.
+
+    Raises:
+        ParameterError: A field is something else than the check wants.
+    """
+    for name in names:
+        object.__setattr__(instance, name, check(name, getattr(instance, name), *bounds))

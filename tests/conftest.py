@@ -11,6 +11,8 @@ if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.env
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import functools
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +50,32 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.skip(reason="large counts run with -m slow"))
+
+
+MANY = 1000
+"""Tests from which a run will need what :mod:`first_uses` compiles."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_finish(session):
+    """With several workers each compiles a part of what all need; no test begins before every worker is done here."""
+    claims = _claims(session.config)
+    if claims is not None and len(session.items) >= MANY and not numba_config.DISABLE_JIT:
+        from first_uses import compile_together  # takes a while, and is of no use to a few tests
+
+        compile_together(claims)
+
+
+def pytest_sessionfinish(session):
+    claims = _claims(session.config)
+    if claims is not None:
+        shutil.rmtree(claims, ignore_errors=True)
+
+
+def _claims(config) -> Path | None:
+    """A folder of the run's workers; None without workers."""
+    worker = getattr(config, "workerinput", None)
+    return None if worker is None else Path(tempfile.gettempdir()) / f"jssa_gym-tests-{worker['testrunuid']}"
 
 
 def pytest_runtest_setup(item):

@@ -28,6 +28,10 @@ def tiny(algorithm="ppo", **changes) -> TrainConfig:
     return replace(config, **changes)
 
 
+CHECKPOINTED = tiny("sac")
+"""What the fixture ``original`` of tests/train is a training of."""
+
+
 def weights(path) -> dict[str, np.ndarray]:
     """All arrays of a policy's file."""
     with np.load(path, allow_pickle=False) as arrays:

@@ -1,7 +1,5 @@
 """Somebody's own filter or policy on the seeds that are on the leaderboard."""
 
-import importlib
-import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
@@ -10,6 +8,7 @@ import gymnasium as gym
 
 from jssa_gym.board.episodes import Board, Cell, Episodes
 from jssa_gym.envs.arm import MOVING, ArmEnv
+from jssa_gym.evaluation.factories import load_factory
 from jssa_gym.evaluation.identity import code_digest
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.people import make_person
@@ -38,7 +37,7 @@ class Submission(Evaluation):
     by_name: ClassVar[bool] = False
 
     cells: tuple[tuple[Cell, tuple[int, ...]], ...]
-    """Of the board, with their seeds."""
+    """Cells of the board, with their seeds."""
     filter: str
     """As :func:`~jssa_gym.shields.read_name` reads it, or ``"module:factory"``, see :func:`filter_factory`."""
     policy: str = ""
@@ -132,8 +131,7 @@ class Submission(Evaluation):
         env = ArmEnv(cell.task, human=make_person(cell.human), terminate_on=())
         if ":" not in self.filter:
             return put_filter(env, self.filter)
-        options = {"viability": True, "failsafe": FailsafeParams()} if self.filter.endswith(STOP) else {}
-        made = filter_factory(self.filter)(env.robot, env.dt, **options)
+        made = filter_factory(self.filter)(env.robot, env.dt, **_stop_options(self.filter))
         if not isinstance(made, SafetyFilter):
             raise ParameterError(f"{self.filter} has to make a SafetyFilter, got {type(made).__name__}")
         return Shield(env, made)
@@ -177,24 +175,12 @@ def filter_factory(name: str) -> Callable[..., SafetyFilter]:
     Raises:
         ParameterError: It cannot be loaded, or called with the two.
     """
-    module, _, attribute = name.removesuffix(STOP).partition(":")
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ParameterError(
-            f"cannot load the filter {name!r}: {error}; it is module:factory, of a module in the working directory or "
-            "installed"
-        ) from error
-    if not callable(found):
-        raise ParameterError(f"the filter {name!r} is no factory that can be called with a robot and a control step")
-    options = {"viability": True, "failsafe": FailsafeParams()} if name.endswith(STOP) else {}
-    try:
-        inspect.signature(found).bind(None, 0.0, **options)
-    except TypeError as error:
-        asked = ", viability=True and failsafe=FailsafeParams()" if options else ""
-        raise ParameterError(
-            f"the factory {name!r} is called with a robot, a control step{asked}, and takes others: {error}"
-        ) from error
-    except ValueError:
-        pass  # something built in, which does not say what it takes
-    return found
+    options = _stop_options(name)
+    asked = ", viability=True and failsafe=FailsafeParams()" if options else ""
+    called = f"a robot, a control step{asked}, and takes others"
+    return load_factory("filter", name, "a robot and a control step", None, 0.0, called=called, suffix=STOP, **options)
+
+
+def _stop_options(name: str) -> dict[str, Any]:
+    """What a filter is made with beside robot and control step: with ``+stop`` behind its name the layers."""
+    return {"viability": True, "failsafe": FailsafeParams()} if name.endswith(STOP) else {}

@@ -80,7 +80,7 @@ def comparable(cell: dict[str, dict[int, dict[str, float]]], filters: Sequence[s
 
 
 def behind(cell: dict[str, dict[int, dict[str, float]]], ours: str, rival: str, name: str) -> float | None:
-    """By how much a rival does better; None where the interval has 0 in it."""
+    """How much better a rival does; None where the interval has 0 in it."""
     seeds = sorted(cell[ours])
     difference = paired_difference(
         np.array([cell[rival][seed][name] for seed in seeds], float),

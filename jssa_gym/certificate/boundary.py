@@ -12,7 +12,7 @@ from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array
-from jssa_gym.validation import known_name, low_high, number_within, positive_number
+from jssa_gym.validation import check_fields, known_name, low_high, number_within, positive_number
 
 KEPT = 1e-6
 """Index [m²] up to which a state counts as kept, as in the filter."""
@@ -22,9 +22,6 @@ _DRAWS = 1 << 13
 
 _RAREST = 1e-3
 """Share of the draws that have to lie in the domain."""
-
-_EXTRA = 11
-"""Numbers of a draw beside the joint state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,20 +52,17 @@ class Domain:
     authority: float = 0.0
     """The joints' jerk bounds can give the distance at least so much jerk, either way [m/s³]."""
     radius: float = 0.1
-    """Of the person [m]."""
+    """Radius of the person [m]."""
     band: float = 0.0
     r"""How far below 0 :math:`\phi` may lie [m²]."""
     viable: bool = True
     """Whether the jerk has to keep the joint limits recoverable, or only its own bounds."""
 
     def __post_init__(self) -> None:
-        for name in ("tip_speed", "human_speed", "radius"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("tip_speed", "human_speed", "radius"), positive_number)
         object.__setattr__(self, "distance", low_high("distance", self.distance))
-        for name in ("speed_share", "acceleration_share"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0, 1.0))
-        for name in ("authority", "band"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
+        check_fields(self, ("speed_share", "acceleration_share"), number_within, 0.0, 1.0)
+        check_fields(self, ("authority", "band"), number_within, 0.0)
         if not isinstance(self.viable, bool):
             raise ParameterError(f"viable has to be True or False, got {self.viable!r}")
 
@@ -78,11 +72,11 @@ class BoundaryState:
     r"""An arm and a person with :math:`\phi = 0`, and the best that can be done about it."""
 
     capsule: str
-    """Of the robot; the index is that of it and the person."""
+    """Capsule of the robot; the index is that of it and the person."""
     joints: Array
     """Joint state, shape (3, n) [rad, rad/s, rad/s²]."""
     centre: Array
-    """Of the person, shape (3,) [m]."""
+    """Centre of the person, shape (3,) [m]."""
     velocity: Array
     """Shape (3,) [m/s]."""
     radius: float
@@ -92,7 +86,7 @@ class BoundaryState:
     distance: float
     """[m]."""
     rate: float
-    """Of the distance [m/s]."""
+    """Rate of change of the distance [m/s]."""
     authority: float
     """How much jerk the joints' jerk bounds can give the distance [m/s³]."""
     tip_speed: float

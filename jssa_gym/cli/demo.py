@@ -129,7 +129,7 @@ class Demo:
         return make, lambda env: make_policy(learned, env, 0)  # it draws nothing
 
     def _seed(self, make: Callable[[], gym.Env], drive: Callable[[gym.Env], Policy], steps: int) -> int:
-        """Of the episode: the one that was asked for, or one that shows what a shield is for."""
+        """The episode's seed: the one that was asked for, or one that shows what a shield is for."""
         if self.seed is not None or self.policy is None:
             return self.seed or 0
         env, nearest, found = make(), np.inf, 0

@@ -64,9 +64,9 @@ class Twist:
     """Velocity of the tool in all six directions."""
 
     linear: Array
-    """Of the tool centre point, world axes, shape (3,) [m/s]."""
+    """Velocity of the tool centre point, world axes, shape (3,) [m/s]."""
     angular: Array
-    """Of the last link, world axes, shape (3,) [rad/s]."""
+    """Angular velocity of the last link, world axes, shape (3,) [rad/s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,9 +74,9 @@ class ToolPose:
     """Where the tool is to be, approached at no more than 0.5 m/s and 1.5 rad/s."""
 
     position: Array
-    """Of the tool centre point in the world, shape (3,) [m]."""
+    """Position of the tool centre point in the world, shape (3,) [m]."""
     rotation: Array
-    """Of the last link: its axes as columns, world coordinates, shape (3, 3)."""
+    """Rotation of the last link: its axes as columns, world coordinates, shape (3, 3)."""
 
 
 Command = JointJerk | JointVelocity | JointPosition | TipVelocity | Twist | ToolPose

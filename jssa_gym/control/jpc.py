@@ -285,7 +285,7 @@ class JPC:
 
 
 def _at_rest(state: Array) -> Array:
-    """The same position without speed and acceleration, shape (3, n)."""
+    """A state's position without speed and acceleration, shape (3, n)."""
     rest = np.zeros_like(state)
     rest[0] = state[0]
     return rest

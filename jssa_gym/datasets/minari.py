@@ -44,9 +44,9 @@ class DatasetSummary:
     """Folder of the two files."""
     episodes: int
     steps: int
-    """Of all episodes together."""
+    """Steps of all episodes together."""
     size: int
-    """Of the files [bytes]."""
+    """Size of the files [bytes]."""
     digest: str
     """SHA-256 of all episodes' seeds and arrays."""
 

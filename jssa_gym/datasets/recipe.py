@@ -40,7 +40,7 @@ class Recipe:
     """People by name or a file; empty for the task's own."""
     episodes: int = 100
     seed: int = 0
-    """Of the first episode; episode k has seed + k."""
+    """Seed of the first episode; episode k has seed + k."""
     steps: int = HORIZON
     """Control steps of an episode, at most."""
     robot: str = DEFAULT

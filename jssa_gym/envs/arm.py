@@ -188,7 +188,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
         "render_modes": ["rgb_array", "human"],
         "render_fps": round(1.0 / DT),
     }
-    """Of an environment where there is no display, render_modes are without ``human``."""
+    """What can be rendered, and how fast; where there is no display, not ``human``."""
 
     def __init__(
         self,

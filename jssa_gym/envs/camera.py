@@ -31,7 +31,7 @@ class Camera:
     azimuth: float
     """Direction of looking, counted from +x towards +y [degrees]."""
     elevation: float
-    """Of looking, negative downwards [degrees]."""
+    """Elevation of looking, negative downwards [degrees]."""
     distance: float
     """From the eye to the point that is looked at [m]."""
     lookat: Array

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false
+from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, true_or_false
 
 GLITCHES = ("rest", "acceleration", "position", "huge", "noise")
 """What a joint state can read wrongly; see :attr:`SensorFaults.joint_glitch_kind`."""
@@ -94,10 +94,8 @@ class SensorFaults:
             number_within(name, getattr(self, name), 0.0)
         for name in _CHANCES:
             number_within(name, getattr(self, name), 0.0, 1.0)
-        for name in _TICKS:
-            object.__setattr__(self, name, positive_integer(name, getattr(self, name)))
-        for name in _FLAGS:
-            object.__setattr__(self, name, true_or_false(name, getattr(self, name)))
+        check_fields(self, _TICKS, positive_integer)
+        check_fields(self, _FLAGS, true_or_false)
         number_within("shift", self.shift, -10.0, 10.0)
         known_name("joint_glitch_kind", self.joint_glitch_kind, ("any", *GLITCHES))
         if isinstance(self.missing, str) or not all(isinstance(name, str) for name in self.missing):

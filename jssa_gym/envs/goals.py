@@ -48,7 +48,7 @@ class Goals:
             middle, half = (low + high) / 2.0, _BEYOND * (high - low) / 2.0
             self._origin, low, high = np.zeros(robot.n), middle - half, middle + half
         self.space = spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        """Of either."""
+        """Space of an achieved and of a desired goal."""
 
     def told(self, place: Array) -> NDArray[np.float32]:
         """A tool's place in the world, shape (3,) [m], or a joint position, shape (n,) [rad], as it is observed."""

@@ -12,7 +12,7 @@ from jssa_gym.perception.skeletons import BODIES
 from jssa_gym.perception.synthetic import keypoints_of, people_in
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.types import Array, Scene
-from jssa_gym.validation import known_name, number_within, positive_integer, positive_number
+from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, positive_number
 
 _ROUNDING = 1e-9
 """A picture counts as due, or arrived, this much early [s]: times are multiples of the control step up to rounding."""
@@ -53,14 +53,10 @@ class CameraSettings:
     """What a shield behind this camera may assume for the oldest measurement that it goes on with [s]."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rate", positive_number("rate", self.rate))
-        object.__setattr__(self, "max_age", positive_number("max_age", self.max_age))
-        for name in ("latency", "jitter", "noise"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
-        for name in ("occlusion", "swap"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0, 1.0))
-        for name in ("occlusion_frames", "swap_frames"):
-            object.__setattr__(self, name, positive_integer(name, getattr(self, name)))
+        check_fields(self, ("rate", "max_age"), positive_number)
+        check_fields(self, ("latency", "jitter", "noise"), number_within, 0.0)
+        check_fields(self, ("occlusion", "swap"), number_within, 0.0, 1.0)
+        check_fields(self, ("occlusion_frames", "swap_frames"), positive_integer)
         known_name("skeleton", self.skeleton, SKELETONS)
         known_name("body", self.body, BODIES)
         if not number_within("position_error", self.position_error, 0.0) >= max(self.noise, 1e-4):

@@ -144,7 +144,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     @property
     def latency(self) -> float:
-        """Of this episode [s]."""
+        """The latency of this episode [s]."""
         return self._direct.latency
 
     @property

@@ -66,7 +66,7 @@ class Surroundings:
         self._pair, self._parts = (-1, -1), max(parts, 1)
         self._make_room(0)
         self.tip_speed = 0.0
-        """Of the tool centre point [m/s]."""
+        """Speed of the tool centre point [m/s]."""
 
     def _make_room(self, people: int) -> None:
         n, m = self._robot.n, len(self._robot.capsules)

@@ -32,7 +32,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, Policy
 from jssa_gym.robots import DEFAULT, RobotModel
 from jssa_gym.types import Status, Trace
-from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
+from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, whole_number
 
 _SUSPICIOUS = 1e-4
 """Contact speed from which an episode of a shield that promises rest is judged [m/s]."""
@@ -51,7 +51,7 @@ class Grid:
     policies: tuple[str, ...]
     faults: tuple[str, ...] = ("none",)
     episodes: int = 10
-    """Of every combination."""
+    """Episodes of every combination."""
 
     def __post_init__(self) -> None:
         known = {"filters": contender_names(), "humans": PEOPLE, "policies": POLICIES, "faults": FAULTS}
@@ -99,12 +99,9 @@ class Campaign(EpisodePlan[StressRow]):
     def __post_init__(self) -> None:
         known_name("task", self.task, TASKS)
         robot_identity(self.robot)
-        for name, value in (
-            ("steps", positive_integer("steps", self.steps)),
-            ("seed", whole_number("seed", self.seed)),
-            ("judge", number_within("judge", self.judge, 0.0, 1.0)),
-        ):
-            object.__setattr__(self, name, value)  # JSON holds no numbers of numpy
+        check_fields(self, ("steps",), positive_integer)
+        check_fields(self, ("seed",), whole_number)
+        check_fields(self, ("judge",), number_within, 0.0, 1.0)
 
     def seeds(self) -> dict[Cell, list[int]]:
         return paired_seeds(((cell, grid.episodes) for grid in self.grids for cell in grid.cells()), self.seed)

@@ -9,7 +9,7 @@ class About(NamedTuple):
     """What is said of a metric, as its type's annotation."""
 
     unit: str
-    """Of its value; empty for a plain number."""
+    """Unit of the metric's value; empty for a plain number."""
     text: str
     """Its definition, in one sentence."""
     over_episodes: str = ""

@@ -46,7 +46,7 @@ class Geometry(NamedTuple):
     planes: Array
     """Smallest distance of the arm to the half-spaces, shape (T,) [m]."""
     distance: Array
-    """Of every robot capsule to every one of people's, shape (T, m, k) [m]."""
+    """Distance of every robot capsule to every one of people's, shape (T, m, k) [m]."""
     arm_distance: Array
     """Smallest distance to people of the arm but for its first link, shape (T,) [m]; inf without people."""
     approach: Array

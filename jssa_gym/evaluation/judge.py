@@ -119,7 +119,7 @@ class _Motion(NamedTuple):
     end: Array
     """Shape (s, m, 3) [m]."""
     velocity: Array
-    """Of the people's starts and ends in the step that leads to the moment, shape (s, 2, m, 3) [m/s]."""
+    """Velocity of the people's starts and ends in the step that leads to the moment, shape (s, 2, m, 3) [m/s]."""
     error: float
     """Largest difference of a recorded state from the one that follows, as a share of the limits."""
 

@@ -32,7 +32,7 @@ class Contact(Overlap):
 
     person: int
     speed: float
-    """Of the robot's touching surface point [m/s]."""
+    """Speed of the robot's touching surface point [m/s]."""
     approach: float
     """Its component towards the person along the contact normal [m/s]; negative if it only moves away."""
     human_approach: float
@@ -57,7 +57,7 @@ class Contact(Overlap):
 
 
 class Excess(NamedTuple):
-    """By what share of its limit a joint exceeds it at most; negative where all stay below."""
+    """The share of its limit by which a joint exceeds it at most; negative where all stay below."""
 
     position: float
     """Share of the joint's range."""
@@ -86,20 +86,20 @@ class Judgement:
     distance: float
     """Smallest robot-human surface distance [m]; 10.0 if it is more, inf without a human."""
     distance_error: float
-    """Of the recorded distances at the ticks [m]; those beyond 10 m count as 10 m."""
+    """Largest error of the recorded distances at the ticks [m]; those beyond 10 m count as 10 m."""
     contact_error: int
     """Ticks recorded with a contact that is none, or without one that is; distances within the tolerance are either."""
     speed_error: float
-    """Of the recorded contact speeds at the ticks where both see a contact, or both none [m/s]."""
+    """Largest error of the recorded contact speeds at the ticks where both see a contact, or both none [m/s]."""
     state_error: float
-    """Of the recorded joint states from what Eq. (1) makes of the state before and the jerk; share of the limits."""
+    """Largest deviation of a recorded joint state from what Eq. (1) makes of the last one; share of the limits."""
     contacts: tuple[Contact, ...]
     """With people, in the order of their beginning."""
     self_collisions: tuple[Overlap, ...]
     plane_collisions: tuple[Overlap, ...]
     """With table or floor."""
     excess: Excess
-    """Of the joint limits, at the sub-steps."""
+    """Excess over the joint limits, at the sub-steps."""
     tolerance: float
     """The largest error with which the record :attr:`agrees`."""
 

@@ -1,8 +1,6 @@
 """The policy of an episode: a name, a file, a model or a function, and what tells it from another."""
 
 import hashlib
-import importlib
-import inspect
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,6 +9,7 @@ from typing import Any
 
 import gymnasium as gym
 
+from jssa_gym.evaluation.factories import load_factory
 from jssa_gym.evaluation.identity import code_digest
 from jssa_gym.exceptions import ParameterError, PolicyFileError
 from jssa_gym.policies import POLICIES, JPCPolicy, LearnedPolicy, Policy, load_policy, policy_file, shipped_policies
@@ -131,23 +130,7 @@ def policy_factory(name: str, trust_pickle: bool = False) -> Callable[[gym.Env, 
     if ":" not in name:
         known = ", ".join((*POLICIES, *shipped_policies()))
         raise ParameterError(f"unknown policy {name!r}; valid: {known}, a file .npz or .zip, or package.module:factory")
-    module, _, attribute = name.partition(":")
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ParameterError(
-            f"cannot load the policy {name!r}: {error}; it is module:factory, of a module in the working directory or "
-            "installed"
-        ) from error
-    if not callable(found):
-        raise ParameterError(f"the policy {name!r} is no factory that can be called with an environment and a seed")
-    try:
-        inspect.signature(found).bind(None, 0)
-    except TypeError as error:
-        raise ParameterError(f"the factory {name!r} is called with an environment and a seed: {error}") from error
-    except ValueError:
-        pass  # something built in, which does not say what it takes
-    return found
+    return load_factory("policy", name, "an environment and a seed", None, 0)
 
 
 def check_unchanged(name: str, code: str) -> None:

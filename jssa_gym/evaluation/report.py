@@ -32,9 +32,9 @@ class Report:
     episodes: tuple[EvaluationRow, ...]
     """In the order of settings and seeds."""
     rates: dict[str, Rate]
-    """Of the yes-or-no metrics, by :attr:`~jssa_gym.evaluation.definitions.Metric.over_episodes`."""
+    """Rates of the yes-or-no metrics, by :attr:`~jssa_gym.evaluation.definitions.Metric.over_episodes`."""
     means: dict[str, Mean]
-    """Of all other metrics; those that no episode has are missing."""
+    """Means of all other metrics; those that no episode has are missing."""
     traces: tuple[Path, ...] = ()
     """Recordings of the worst episodes, the worst first."""
     unlike: tuple[int, ...] = ()

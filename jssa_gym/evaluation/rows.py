@@ -46,7 +46,7 @@ class Row:
     kind: ClassVar[type[Any]]
     """Class of its cell."""
     seed: int
-    """Of the episode."""
+    """Seed of the episode."""
     digest: str
     """SHA-256 of states, jerks and statuses."""
     wall: float

@@ -41,7 +41,7 @@ class Slowdown:
 
     @property
     def brief(self) -> str:
-        """In few words, whatever it is compared with; ``1.2 (1.1 to 1.3), lost 2 of 40``."""
+        """The ratio in few words, whatever it is compared with; ``1.2 (1.1 to 1.3), lost 2 of 40``."""
         return f"{'-' if self.ratio is None else self.ratio}, lost {self.lost.k} of {self.lost.n}"
 
     def __str__(self) -> str:

@@ -47,9 +47,9 @@ class Standing:
     filter: str
     pooled: Report
     rates: dict[str, PairedDifference]
-    """Of :data:`PAIRED_RATES`: this filter minus the first, on the same episodes; empty for the first."""
+    """Those of :data:`PAIRED_RATES`: this filter minus the first, on the same episodes; empty for the first."""
     means: dict[str, Mean]
-    """Of :data:`PAIRED_MEANS`, likewise."""
+    """Those of :data:`PAIRED_MEANS`, likewise."""
     slowdown: Slowdown | None
     """Against :data:`UNFILTERED`, see :func:`slowdown_beside_people`."""
 
@@ -64,7 +64,7 @@ class PolicyStanding:
     paired: int
     """Episodes that it shares with the best one: the same task, people and seed."""
     rates: dict[str, PairedDifference]
-    """Of :data:`PAIRED_RATES`: this policy minus the best, on the shared episodes; empty without any."""
+    """Those of :data:`PAIRED_RATES`: this policy minus the best, on the shared episodes; empty without any."""
 
     @property
     def policy(self) -> str:
@@ -176,7 +176,7 @@ RATE_COLUMNS = len(_RATES)
 
 
 def titles() -> list[str]:
-    """Of :func:`columns`, in words, with units."""
+    """The titles of :func:`columns`, in words, with units."""
     units = {metric.over_episodes: metric.unit for metric in METRICS}
     named = [in_words(name, units[name]) for name in (*_RATES, *_MEANS)]
     return [*named, "median time to the goal [s]", f"its ratio to {UNFILTERED}"]

@@ -66,7 +66,7 @@ class PairedDifference:
     low: float
     high: float
     p_value: float
-    """Of McNemar's exact test: how likely so unequal counts are if both rates are equal."""
+    """P-value of McNemar's exact test: how likely so unequal counts are if both rates are equal."""
 
 
 def paired_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> PairedDifference:

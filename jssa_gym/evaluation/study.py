@@ -28,7 +28,7 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import Shield, read_name
 from jssa_gym.shields.registry import WHOLE
 from jssa_gym.types import Trace
-from jssa_gym.validation import known_name, number_within, positive_integer, whole_number
+from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, whole_number
 
 
 def put_filter(env: gym.Env, name: str, assumed: FailsafeParams | None = None) -> Shield:
@@ -59,7 +59,7 @@ class Evaluation(EpisodePlan[EvaluationRow]):
     by_name: ClassVar[bool]
     """Whether names say all of an episode, so that it can be played again from its recording."""
     episodes: int
-    """Of every setting."""
+    """Episodes of every setting."""
     seed: int
     """First seed."""
     v_safe: float
@@ -67,13 +67,10 @@ class Evaluation(EpisodePlan[EvaluationRow]):
     separation: SeparationParams
 
     def __post_init__(self) -> None:
-        for name, value in (
-            ("episodes", episodes_of_a_cell(self.episodes)),
-            ("seed", whole_number("seed", self.seed)),
-            ("steps", positive_integer("steps", self.steps)),
-            ("v_safe", number_within("v_safe", self.v_safe, 0.0)),
-        ):
-            object.__setattr__(self, name, value)  # JSON holds no numbers of numpy
+        object.__setattr__(self, "episodes", episodes_of_a_cell(self.episodes))
+        check_fields(self, ("seed",), whole_number)
+        check_fields(self, ("steps",), positive_integer)
+        check_fields(self, ("v_safe",), number_within, 0.0)
         if not isinstance(self.separation, SeparationParams):
             raise ParameterError(f"separation has to be SeparationParams, got {self.separation!r}")
 
@@ -105,7 +102,7 @@ class Study(Evaluation):
     humans: tuple[str, ...]
     policies: tuple[str, ...]
     episodes: int = 100
-    """Of every combination."""
+    """Episodes of every combination."""
     seed: int = 0
     """First seed."""
     steps: int = 1000
@@ -114,7 +111,7 @@ class Study(Evaluation):
     """Speed of the robot's touching point from which a contact is critical [m/s]."""
     separation: SeparationParams = field(default_factory=SeparationParams)
     trust_pickle: bool = False
-    """Of policies that are files; see :func:`~jssa_gym.policies.load_policy`."""
+    """Whether to trust policies that are files; see :func:`~jssa_gym.policies.load_policy`."""
     robot: str = DEFAULT
     """Name of a robot, or its file or prepared folder."""
     pair_policies: bool = False
@@ -200,7 +197,7 @@ class Single(Evaluation):
     """What :func:`~jssa_gym.evaluation.policy.make_policy` takes, without ``trust_pickle``: who trusts a file hands
     over what :func:`~jssa_gym.policies.load_policy` returns, for one job and no ``out`` folder."""
     env_kwargs: Mapping[str, Any] | None = None
-    """Of ``gymnasium.make``, where ``env`` is an id."""
+    """Keywords of ``gymnasium.make``, where ``env`` is an id."""
     filter: str | None = None
     """Put around the environment; None leaves it as it is."""
     episodes: int = 100

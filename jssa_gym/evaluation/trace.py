@@ -52,7 +52,7 @@ def trace_of(once: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Trac
 
 
 def trace_of_columns(once: Mapping[str, Any], columns: Mapping[str, Any]) -> Trace:
-    """The same trace from what its fields are after all control steps.
+    """A trace from what its fields are after all control steps.
 
     Args:
         once: By field.

@@ -10,7 +10,7 @@ from jssa_gym.types import Array, CapsuleSet, JointState, MeasuredPeople
 
 
 class _Missing:
-    """In the place of what there is not: asked for anything, it says so."""
+    """What stands in the place of what there is not: asked for anything, it says so."""
 
     def __init__(self, what: str) -> None:
         self._what = what

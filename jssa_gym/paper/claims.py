@@ -52,7 +52,7 @@ class Claim:
 
     @property
     def reproduced(self) -> bool:
-        """Whether it holds for the published algorithm."""
+        """Whether the claim holds for the published algorithm."""
         return self._published.holds
 
     @property

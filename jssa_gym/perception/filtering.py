@@ -97,7 +97,7 @@ class VelocityFilter:
 
 
 def velocity_lag(rate: float, error: float, acceleration: float, deviation: float) -> float:
-    """By how much time velocities lag behind a steady acceleration, once the filter has settled [s].
+    """The time by which velocities lag behind a steady acceleration, once the filter has settled [s].
 
     Args:
         rate: Frames a second [Hz].

@@ -1,38 +1,21 @@
 """Keypoints with confidence and stamps to people's capsules with ages, validity and errors."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from numbers import Integral
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.perception.filtering import VelocityFilter, velocity_lag
-from jssa_gym.perception.skeletons import BodyPart, KeypointTable, ancestors, make_skeleton
+from jssa_gym.perception.detector import Frame, TrackerParams
+from jssa_gym.perception.skeletons import KeypointTable, make_skeleton
+from jssa_gym.perception.tracked_body import Look, TrackedBody
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.types import Array, CapsuleSet, Scene
-from jssa_gym.validation import number_within, positive_number
-
-_ROUNDING = 1e-9
-"""Added to what a keypoint may have moved [m]."""
 
 _NOBODY = -1
 """Person of every capsule once somebody is there whom nobody has announced: to a shield that is a fault at once."""
-
-
-class Frame(NamedTuple):
-    """What a detector found in one picture: p people of k keypoints."""
-
-    stamp: float
-    """When the picture was taken, by the scene's clock [s]."""
-    person: Any
-    """Ids, shape (p,)."""
-    position: Any
-    """Keypoints in the world, z up, the robot's base on the z axis, shape (p, k, 3) [m]; NaN where not found."""
-    confidence: Any
-    """In [0, 1], shape (p, k); 0 where not found."""
 
 
 class Tracked(NamedTuple):
@@ -40,7 +23,7 @@ class Tracked(NamedTuple):
 
     human: CapsuleSet
     age: Array
-    """Of each capsule's measurement, shape (m,) [s]; inf for what has never been seen."""
+    """Age of each capsule's measurement, shape (m,) [s]; inf for what has never been seen."""
     valid: NDArray[np.bool_]
     """Shape (m,)."""
     position_error: Array
@@ -52,41 +35,6 @@ class Tracked(NamedTuple):
     def shown_in(self, scene: Scene) -> Scene:
         """The scene with these people."""
         return scene._replace(human=self.human, age=self.age, valid=self.valid)
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerParams:
-    """How good a detector is, and what to do when it does not see.
-
-    Raises:
-        ParameterError: A number is out of range.
-    """
-
-    sure: float = 0.02
-    """Largest error of a keypoint of confidence 1 [m]: a bound, no deviation. In between it is linear."""
-    unsure: float = 0.10
-    """The same at confidence 0 [m]."""
-    hold: float = 1.0
-    """How long a joint that is not seen is held by the limb that it ends [s]; then its parts are invalid."""
-    acceleration: float = 10.0
-    """No keypoint changes its velocity faster [m/s²]: what the filter expects, and ``velocity_error`` relies on."""
-    deviation: float = 0.5
-    """Standard deviation of a keypoint's error along an axis, as a share of its largest error."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "sure", positive_number("sure", self.sure))
-        object.__setattr__(self, "unsure", number_within("unsure", self.unsure, self.sure))
-        object.__setattr__(self, "hold", number_within("hold", self.hold, 0.0))
-        for name in ("acceleration", "deviation"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
-
-    def lag(self, rate: float) -> float:
-        """By how much time velocities lag behind a steady acceleration at so many frames a second [s].
-
-        Raises:
-            ParameterError: The rate is not positive.
-        """
-        return velocity_lag(positive_number("rate", rate), self.sure, self.acceleration, self.deviation)
 
 
 class Tracker:
@@ -157,9 +105,12 @@ class Tracker:
         self.refused = ""
         """Why the last frame was left out; empty if it was not."""
         self.stamp = -np.inf
-        """Of the last frame that was not left out [s]."""
+        """Stamp of the last frame that was not left out [s]."""
         self._stranger = False
-        self._bodies = tuple(_TrackedBody(self) for _ in self.people)
+        self._bodies = tuple(
+            TrackedBody(self.parts, self._joints, len(self.skeleton.keypoints), self.assumed, self.params)
+            for _ in self.people
+        )
 
     def update(self, frame: Frame) -> bool:
         """Take in a frame; whether it was not left out. Never raises."""
@@ -196,7 +147,7 @@ class Tracker:
         self.stamp = stamp
         return ""
 
-    def _believed(self, stamp: float, looks: list["_Look"]) -> list[NDArray[np.bool_]]:
+    def _believed(self, stamp: float, looks: list[Look]) -> list[NDArray[np.bool_]]:
         """Which keypoints of everybody are believed, shape (k,) each.
 
         Where a keypoint could be somebody else's, it is believed only if theirs is seen as well, where it can be: if
@@ -254,167 +205,3 @@ def _checked_people(people: Iterable[int]) -> tuple[int, ...]:
     if not ids or len(set(ids)) < len(ids) or not integers:
         raise ParameterError(f"people has to be the ids of everybody, integers from 0 on, each once; got {people!r}")
     return tuple(int(one) for one in ids)
-
-
-class _TrackedBody:
-    """One person: what is known of the keypoints, and the capsules that follow from it."""
-
-    def __init__(self, of: Tracker) -> None:
-        self._parts, self._joints, self._params = of.parts, of._joints, of.params
-        self._allowed, assumed = of.assumed.position_error, of.assumed
-        count, m = len(of.skeleton.keypoints), len(of.parts)
-        self._made_of = np.zeros((len(of._joints), count), np.bool_)
-        for row, points in zip(self._made_of, of._joints.values(), strict=True):
-            row[points] = True
-        # of a head any point of the face will do
-        self._needed = [1 if joint == "head" else len(points) for joint, points in of._joints.items()]
-        speeds = np.array([assumed.end_speeds_of(part.name) for part in of.parts]).reshape(m, 2)
-        self._speeds = speeds
-        self._held = np.array([assumed.acceleration_of(part.name) == 0.0 for part in of.parts])
-        fastest = float(speeds.max(initial=assumed.human_speed))
-        self._speed = self._speeds_of_keypoints(of, fastest)
-        self._filter = VelocityFilter(count, of.params.acceleration, fastest, of.params.deviation)
-        self._last, self._last_error = np.full((count, 3), np.nan), np.zeros(count)
-        self._last_stamp = np.full(count, -np.inf)
-        self._now = -np.inf
-        self.ends = np.full((m, 2, 3), np.nan)
-        self.velocities = np.full((m, 2, 3), np.nan)
-        self.stamp = np.full(m, -np.inf)
-        self.usable = np.zeros(m, np.bool_)
-        self.position_error, self.velocity_error = np.full(m, np.inf), np.full(m, np.inf)
-
-    def _speeds_of_keypoints(self, of: Tracker, fastest: float) -> Array:
-        """No keypoint is faster than any part that it is an end of allows, shape (k,) [m/s]."""
-        found = np.full(len(of.skeleton.keypoints), fastest)
-        for part, speeds in zip(of.parts, self._speeds, strict=True):
-            for joint, speed in zip((part.start, part.end), speeds, strict=True):
-                points = of._joints[joint]
-                if len(points) == 1 or joint == "head":  # of two, one may be faster than their mean
-                    found[points] = np.minimum(found[points], speed)
-        return found
-
-    # ---- keypoints -----------------------------------------------------------------------------------
-
-    def look(self, position: Array, confidence: Array) -> "_Look":
-        """What is to be seen of one frame's keypoints, shapes (k, 3) and (k,)."""
-        params = self._params
-        sure = np.where((confidence > 0.0) & (confidence <= 1.0), confidence, 0.0)
-        error = params.unsure + sure * (params.sure - params.unsure)
-        finite = np.asarray(np.isfinite(position).all(axis=1))
-        seen = finite & (sure > 0.0) & (error <= self._allowed + _ROUNDING)
-        return _Look(np.where(finite[:, None], position, 0.0), error, seen)
-
-    def can_be(self, stamp: float, look: "_Look", known: bool = False) -> NDArray[np.bool_]:
-        """Which keypoints are no farther from where they were believed than a person moves since, shape (k,).
-
-        Of those that never were nobody can tell: they can be, unless they have to be ``known``.
-        """
-        there = np.isfinite(self._last_stamp)
-        elapsed = np.where(there, stamp - self._last_stamp, 0.0)
-        way = np.linalg.norm(look.position - np.where(there[:, None], self._last, look.position), axis=1)
-        near = way <= self._speed * elapsed + look.error + self._last_error + _ROUNDING
-        return near & there if known else near
-
-    def update(self, stamp: float, look: "_Look", seen: NDArray[np.bool_]) -> None:
-        """Take in one frame's keypoints, of which those in ``seen`` (k,) are believed."""
-        position, error = look.position, look.error
-        known = np.isfinite(self._last_stamp)
-        elapsed = np.where(known, stamp - self._last_stamp, 0.0)
-        anew = seen & ~(known & (elapsed <= self._params.hold))
-        if np.isfinite(self._now):
-            self._filter.advance(stamp - self._now, seen & ~anew, position, error)
-        self._filter.begin(anew, position, error)
-        self._last[seen], self._last_stamp[seen], self._last_error[seen] = position[seen], stamp, error[seen]
-        self._now = stamp
-        self._report(stamp, seen, position, error)
-
-    def _report(self, stamp: float, seen: NDArray[np.bool_], position: Array, error: Array) -> None:
-        """Make capsules of the keypoints that are believed."""
-        # as far towards the filter's place as the promise leaves room for
-        off = self._filter.position - position
-        length = np.linalg.norm(off, axis=1)
-        room = np.maximum(self._allowed - error, 0.0)
-        share = np.minimum(1.0, room / np.maximum(length, 1e-12))
-        place = position + share[:, None] * off
-        error = np.where(seen, error + share * length, 0.0)
-        joints = self._seen_joints(seen, place, error)
-        for k, part in enumerate(self._parts):
-            self._report_part(k, part, joints, stamp)
-
-    def _seen_joints(self, seen: NDArray[np.bool_], place: Array, error: Array) -> dict[str, "_Joint"]:
-        """The joints of which enough keypoints are believed, at the means of those."""
-        of = self._made_of & seen
-        count = of.sum(axis=1)
-        share = of / np.maximum(count, 1)[:, None]
-        position = share @ np.where(seen[:, None], place, 0.0)
-        velocity = share @ self._filter.velocity
-        worst = np.minimum((of * error).max(axis=1), self._allowed).tolist()
-        velocity_error = (of * self._filter.velocity_error).max(axis=1).tolist()
-        return {
-            joint: _Joint(position[k], velocity[k], worst[k], velocity_error[k])
-            for k, joint in enumerate(self._joints)
-            if count[k] >= self._needed[k]
-        }
-
-    def _report_part(self, k: int, part: BodyPart, joints: dict[str, "_Joint"], stamp: float) -> None:
-        found = [
-            self._joint_of(joint, joints, self._speeds[k, end]) for end, joint in enumerate((part.start, part.end))
-        ]
-        ends = [one for one in found if one is not None]
-        if len(ends) == 2:
-            late = max(extra for _, extra in ends)
-            held = late > 0.0
-            if not held or self._may_hold(k, part, [joint.position for joint, _ in ends], stamp - late, stamp):
-                for i, (joint, _) in enumerate(ends):
-                    self.ends[k, i], self.velocities[k, i] = joint.position, joint.velocity
-                # a held end is somewhere within its limb's length, which is what its age stands for
-                self.position_error[k] = np.inf if held else max(joint.position_error for joint, _ in ends)
-                self.velocity_error[k] = np.inf if held else max(joint.velocity_error for joint, _ in ends)
-                self.stamp[k] = stamp - late
-        self.usable[k] = self.stamp[k] > -np.inf and self._recent(part, stamp)
-
-    def _joint_of(self, joint: str, joints: dict[str, "_Joint"], speed: float) -> tuple["_Joint", float] | None:
-        """A joint, and how much older it has to be called [s]; None if nothing tells where it is."""
-        if joint in joints:
-            return joints[joint], 0.0
-        return next(
-            ((joints[other], length / speed) for other, length in ancestors(joint) if other in joints),
-            None,
-        )
-
-    def _may_hold(self, k: int, part: BodyPart, ends: list[Array], stamp: float, now: float) -> bool:
-        """Whether a held part is younger than what was measured, and its ends are where those can have come to."""
-        younger = stamp - self.stamp[k]
-        if not (self._held[k] and younger > 0.0 and self._recent(part, now)):
-            return False
-        # a shield believes no capsule that jumps: until then what was measured serves it better
-        moved = [float(np.linalg.norm(end - before)) for end, before in zip(ends, self.ends[k], strict=True)]
-        return all(way <= speed * younger for way, speed in zip(moved, self._speeds[k], strict=True))
-
-    def _recent(self, part: BodyPart, stamp: float) -> bool:
-        """Whether all that a part needs was seen within the time for which it is held."""
-        return all(stamp - self._joint_stamp(joint) <= self._params.hold for joint in (part.start, part.end))
-
-    def _joint_stamp(self, joint: str) -> float:
-        stamps = self._last_stamp[self._joints[joint]]
-        return float(stamps.max() if joint == "head" else stamps.min())
-
-
-class _Look(NamedTuple):
-    """Keypoints of one person in a frame."""
-
-    position: Array
-    """Shape (k, 3) [m]; 0 where not found."""
-    error: Array
-    """Largest, shape (k,) [m]."""
-    seen: NDArray[np.bool_]
-    """Whether each was found and is sure enough, shape (k,)."""
-
-
-class _Joint(NamedTuple):
-    """A joint that was seen in a frame."""
-
-    position: Array
-    velocity: Array
-    position_error: float
-    velocity_error: float

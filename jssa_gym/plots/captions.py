@@ -26,11 +26,11 @@ class Caption(NamedTuple):
     """What is said below a picture, and beside its name."""
 
     name: str
-    """Of the run."""
+    """Name of the run."""
     status: str
     """In a word or two."""
     colour: str
-    """Of the status, as ``#rrggbb``."""
+    """Colour of the status, as ``#rrggbb``."""
     numbers: str
     """Clock and distance."""
     reason: str

@@ -158,7 +158,7 @@ class _Seat:
 
     @property
     def unwrapped(self) -> "_Seat":
-        """There are no wrappers."""
+        """Itself: there are no wrappers."""
         return self
 
     @property
@@ -169,16 +169,16 @@ class _Seat:
 
     @property
     def goal(self) -> Array:
-        """Shape as of the task."""
+        """The arm's goal, of the shape that the task's have."""
         return self._arms.goal_of(self._e)
 
     def offer(self, path: PacedPath) -> None:
         """All paths are offered at once."""
 
     def has_wrapper_attr(self, name: str) -> bool:
-        """As of :class:`gymnasium.Env`."""
+        """Whether it has an attribute, as a :class:`gymnasium.Env` says it."""
         return name != "offer" or self._shielded
 
     def get_wrapper_attr(self, name: str) -> Any:
-        """As of :class:`gymnasium.Env`."""
+        """An attribute, as a :class:`gymnasium.Env` gives it."""
         return getattr(self, name)

@@ -2,21 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from jssa_gym.exceptions import RobotModelError
-
 if TYPE_CHECKING:
     import mujoco
-
-
-def serial_joints(model: "mujoco.MjModel") -> list[int]:
-    """Joint ids from base to tip of one chain of limited hinges that move independently.
-
-    Raises:
-        RobotModelError: The model is anything else; the message names all culprits.
-    """
-    if faults := serial_faults(model):
-        raise RobotModelError("; ".join(faults))
-    return list(range(model.njnt))
 
 
 def serial_faults(model: "mujoco.MjModel") -> list[str]:

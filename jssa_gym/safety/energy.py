@@ -24,7 +24,7 @@ class BodyRegion:
     force: float
     """Largest permissible force of a transient contact [N]: twice the quasi-static one, for the head just that."""
     stiffness: float
-    """Of the spring [N/m]."""
+    """Stiffness of the spring [N/m]."""
     mass: float
     """Effective mass [kg]."""
 

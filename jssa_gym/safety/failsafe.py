@@ -15,7 +15,7 @@ from jssa_gym.safety.energy import speed_for
 from jssa_gym.safety.parts import FOOT_PARTS, LIMB_PARTS, SLOW_PARTS, by_name, is_called
 from jssa_gym.safety.region import WatchedRegion
 from jssa_gym.types import Array
-from jssa_gym.validation import known_name, number_within, positive_number, real_array
+from jssa_gym.validation import check_fields, known_name, number_within, positive_number, real_array
 
 HARDNESS = (0.4, 0.55, 0.7, 0.85, 1.0)
 """Shares of the acceleration and jerk limits that graded stops are planned with, softest first."""
@@ -113,10 +113,8 @@ class FailsafeParams:
     def __post_init__(self) -> None:
         if not isinstance(self.graded, bool):
             raise ParameterError(f"graded has to be True or False, got {self.graded!r}")
-        for name in ("human_speed", "limb_speed", "foot_speed", "max_age"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
-        for name in ("position_error", "actuation_lag", "tracking_error", "velocity_error"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
+        check_fields(self, ("human_speed", "limb_speed", "foot_speed", "max_age"), positive_number)
+        check_fields(self, ("position_error", "actuation_lag", "tracking_error", "velocity_error"), number_within, 0.0)
         object.__setattr__(self, "contact_speed", _checked_parts("contact_speed", self.contact_speed))
         if self.contact_energy is not None:
             object.__setattr__(self, "contact_energy", _checked_parts("contact_energy", self.contact_energy))

@@ -7,7 +7,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.index import Index
 from jssa_gym.types import Array
-from jssa_gym.validation import positive_number
+from jssa_gym.validation import check_fields, positive_number
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +35,7 @@ class IndexParams:
     """Smallest sin² of the angle between two axes that the sliding term resolves."""
 
     def __post_init__(self) -> None:
-        for name in ("d_min", "lambda1", "lambda2", "sliding_limit", "sin2_floor"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("d_min", "lambda1", "lambda2", "sliding_limit", "sin2_floor"), positive_number)
         if not isinstance(self.sliding, bool):
             raise ParameterError(f"sliding has to be True or False, got {self.sliding!r}")
         if self.lambda1**2 < 8.0 * self.lambda2 * self.d_min:
@@ -62,7 +61,7 @@ class IndexParams:
         )
 
     def array(self) -> Array:
-        """The same as an array, shape (6,), for the kernels that are called in every tick."""
+        """The parameters as an array, shape (6,), for the kernels that are called in every tick."""
         return np.array(self.kernel(), dtype=np.float64)
 
 

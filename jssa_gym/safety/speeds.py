@@ -22,7 +22,7 @@ class PartSpeed:
     speed: float
     """Largest of its ends [m/s]."""
     time: float
-    """Of the sample at which that speed is reached, from the first [s]."""
+    """Time of the sample at which that speed is reached, from the first [s]."""
     bound: float
     """What the shield assumes [m/s]."""
     beyond: float
@@ -30,7 +30,7 @@ class PartSpeed:
 
     @property
     def excess(self) -> float:
-        """By how much the bound is exceeded [m/s]; 0 if it is kept."""
+        """The speed above the bound [m/s]; 0 if it is kept."""
         return self.speed - self.bound if self.speed > self.bound * (1.0 + _ROUNDING) else 0.0
 
 

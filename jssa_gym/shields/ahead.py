@@ -6,7 +6,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.ahead import Foresight
 from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.tick.proposals.ahead import PredictedRows
-from jssa_gym.validation import number_within, positive_number
+from jssa_gym.validation import check_fields, number_within, positive_number
 
 _MOST_MOMENTS = 250
 """That are looked at."""
@@ -37,10 +37,8 @@ class AheadParams:
     """Pairs that the jerk bounds move by less make no rows [m/s³]."""
 
     def __post_init__(self) -> None:
-        for name in ("d_min", "horizon", "step", "soonest", "deepest"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
-        for name in ("growth", "min_authority"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
+        check_fields(self, ("d_min", "horizon", "step", "soonest", "deepest"), positive_number)
+        check_fields(self, ("growth", "min_authority"), number_within, 0.0)
         if self.horizon > _MOST_MOMENTS * self.step:
             raise ParameterError(
                 f"a horizon of {self.horizon:g} s has more than {_MOST_MOMENTS} steps of {self.step:g} s"

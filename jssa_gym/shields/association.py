@@ -55,7 +55,7 @@ class Association:
     def forget(self) -> None:
         """Nobody is there."""
         self.names: tuple[str, ...] = ()
-        """Of the tracks."""
+        """Names of the tracks."""
         self.shown: list[int] = []
         """Which capsule of the scene each track has, -1 for none."""
         self.frame_age = np.nan

@@ -10,7 +10,7 @@ from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.tick.proposals.fields import Repulsion, SlidingMode
 from jssa_gym.tick.proposals.pairs import reported
 from jssa_gym.tick.proposals.separation import ProtectiveDistance
-from jssa_gym.validation import known_name, number_within, positive_number, share
+from jssa_gym.validation import check_fields, known_name, number_within, positive_number, share
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,17 +24,16 @@ class PFMParams:
     influence: float = 0.5
     """Distance beyond which there is no force [m]."""
     strength: float = 1.0
-    """Of the potential, per unit of joint inertia [m²/s²]."""
+    """Strength of the potential, per unit of joint inertia [m²/s²]."""
     damping: float = 5.0
-    """Of the approach, per unit of joint inertia [1/(m² s)]."""
+    """Damping of the approach, per unit of joint inertia [1/(m² s)]."""
     lag: float = 0.05
     """Time constant with which the arm's acceleration follows the force [s]."""
     rows: Rows = "closest"
     """Whether the closest pair repels, or all pairs do."""
 
     def __post_init__(self) -> None:
-        for name in ("influence", "strength", "damping", "lag"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("influence", "strength", "damping", "lag"), positive_number)
         known_name("rows", self.rows, ROWS)
 
 
@@ -87,8 +86,7 @@ class SMAParams:
 
     def __post_init__(self) -> None:
         IndexParams(d_min=self.d_min, lambda1=self.lambda1, lambda2=self.lambda2)
-        for name in ("d_min", "lambda1", "lambda2", "gain"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("d_min", "lambda1", "lambda2", "gain"), positive_number)
         share("gain", self.gain)
         known_name("rows", self.rows, ROWS)
 
@@ -138,8 +136,7 @@ class SSMParams:
     def __post_init__(self) -> None:
         if self.human_speed is not None:
             object.__setattr__(self, "human_speed", positive_number("human_speed", self.human_speed))
-        for name in ("latency", "intrusion", "human_error", "robot_error", "hysteresis"):
-            object.__setattr__(self, name, number_within(name, getattr(self, name), 0.0))
+        check_fields(self, ("latency", "intrusion", "human_error", "robot_error", "hysteresis"), number_within, 0.0)
 
 
 class SSMFilter(SafetyFilter):

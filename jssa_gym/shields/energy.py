@@ -14,7 +14,7 @@ from jssa_gym.shields.filter import SafetyFilter
 from jssa_gym.tick.layout import StepSettings
 from jssa_gym.tick.proposals.energy import BarrierRows, SafeAcceleration, SublevelRows
 from jssa_gym.tick.proposals.pairs import reported
-from jssa_gym.validation import known_name, positive_number
+from jssa_gym.validation import check_fields, known_name, positive_number
 
 
 class RowFilter(SafetyFilter):
@@ -65,8 +65,7 @@ class SSAParams:
     """Whether the closest pair makes a row, as in the paper, or all pairs do."""
 
     def __post_init__(self) -> None:
-        for name in ("d_min", "lambda1", "eta"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("d_min", "lambda1", "eta"), positive_number)
         known_name("rows", self.rows, ROWS)
 
 
@@ -114,8 +113,7 @@ class SSSParams:
 
     def __post_init__(self) -> None:
         IndexParams(d_min=self.d_min, lambda1=self.lambda1, lambda2=self.lambda2)
-        for name in ("d_min", "lambda1", "lambda2", "c"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("d_min", "lambda1", "lambda2", "c"), positive_number)
         known_name("rows", self.rows, ROWS)
 
 
@@ -159,8 +157,7 @@ class CBFParams:
     """Whether the closest pair makes a row, or all pairs do."""
 
     def __post_init__(self) -> None:
-        for name in ("d_min", "k1", "k2", "k3"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("d_min", "k1", "k2", "k3"), positive_number)
         known_name("rows", self.rows, ROWS)
 
 

@@ -14,7 +14,7 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.shields.alarm import Alarm
-from jssa_gym.shields.answers import sound
+from jssa_gym.shields.asking import ask, foreseen
 from jssa_gym.shields.copying import refuse_shared_memory
 from jssa_gym.shields.offers import Offered, alternatives_of, tell
 from jssa_gym.shields.people import tell_of_unmet_names
@@ -26,7 +26,6 @@ from jssa_gym.shields.tick import Tick
 from jssa_gym.shields.words import Told, in_words, kind_of
 from jssa_gym.tick import codes, layout, loop
 from jssa_gym.tick.assumed import Assumed
-from jssa_gym.tick.decide import ANSWERED, ASK
 from jssa_gym.tick.proposals.nothing import Foreign
 from jssa_gym.tick.propose import KINDS
 from jssa_gym.types import Array, Decision, Scene, Status
@@ -324,7 +323,7 @@ class SafetyFilter:
             if path is not None:
                 self._consider(path)
             if self._asks:
-                decision = self._ask(scene, nominal)
+                decision = ask(self, self._alarm, scene, nominal)
             else:
                 loop.decide_all(view.arms, view.nominal, ONE)
             decided = True
@@ -363,7 +362,7 @@ class SafetyFilter:
         else:
             reason = self._say(told, nominal)
         if proposed is not None and told.chosen > 0 and not np.isnan(phi):
-            phi, distance, pair = self._foreseen(proposed, jerk.copy())
+            phi, distance, pair = foreseen(self, proposed, jerk.copy())
         if told.status == Status.FAULT:
             self._alarm.fault(reason, told.persistent)
         else:
@@ -427,76 +426,6 @@ class SafetyFilter:
             else:  # where the last jerk must have led
                 integrate(view.state, self.records.memory.applied[0], self.dt, view.state)
         loop.stop(view.arms, codes.FAILED)
-
-    # ---- filters that are not compiled ---------------------------------------------------------------
-
-    def _ask(self, scene: Scene | None, nominal: Array) -> Decision | None:
-        """Let :meth:`respond` propose; the control step before and after it. The proposal, if it got that far."""
-        view, work = self.records.view, self.records.work
-        stage = loop.prepare(view.arms, view.nominal)
-        if stage == ANSWERED or scene is None:  # without a scene it always is
-            return None
-        decision, tick = None, self._tick(scene, nominal)
-        if stage == ASK:
-            decision = self._response(tick)
-            if decision.status == Status.FAULT:
-                loop.stop(view.arms, codes.FOREIGN)
-                return decision
-            work.wanted[:] = decision.jerk
-            told, (row, column) = view.told, decision.pair
-            told["status"], told["code"] = decision.status, 0
-            told["phi"], told["distance"] = decision.phi, decision.distance
-            told["row"], told["column"], told["slack"], told["rows"] = row, column, decision.slack, decision.rows
-        held = loop.settle(view.arms, view.nominal)
-        if held:
-            work.wanted[:] = self._amended(tick, decision, held)
-            loop.settle_held(view.arms)
-        return decision
-
-    def _tick(self, scene: Scene, nominal: Array) -> Tick:
-        """What :meth:`respond` may see, and change as it likes."""
-        records, people = self.records, self.records.sizes[0]
-        work = records.work
-        return Tick(
-            self.robot,
-            scene,
-            records.view.state.copy(),
-            work.agents[:people].copy(),
-            nominal.copy(),
-            work.lower.copy(),
-            work.upper.copy(),
-            work.clipped.copy(),
-        )
-
-    def _response(self, tick: Tick) -> Decision:
-        try:
-            return sound(self.respond(tick), tick.nominal.shape)
-        except Exception as error:  # whatever a filter runs into, the arm must go on safely
-            reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
-            self._alarm.failure("filter", f"{reason}; the arm brakes")
-            return self.failed(tick, reason)
-
-    def _amended(self, tick: Tick, decision: Decision | None, held: int) -> Array:
-        """Another jerk, in which the first ``held`` joints go on with the stored stop."""
-        work, proposed = self.records.work, self.records.view.jerk
-        halt = work.halt.copy()
-        try:
-            if decision is None:
-                return np.concatenate([halt[:held], proposed[held:]])
-            jerk = self.amend(tick, decision._replace(jerk=proposed.copy()), held, halt)
-            if jerk.shape != halt.shape or jerk.dtype != np.float64:
-                raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
-        except Exception:  # whatever a filter runs into, the arm must go on safely
-            self._alarm.failure("joints", "the filter failed to spare joints; all follow the stored stop")
-            return halt
-        return jerk
-
-    def _foreseen(self, decision: Decision, jerk: Array) -> tuple[float, float, tuple[int, int]]:
-        try:
-            phi, distance, (row, column) = self.foresee(decision, jerk)
-            return float(phi), float(distance), (int(row), int(column))
-        except Exception:  # what it says is for the eye; the stop is on its way
-            return np.nan, np.nan, (-1, -1)
 
     def fallback(self, state: Array) -> Array:
         """The jerk when nothing else is known to be good: brakes as fast as the jerk bounds allow, shape (n,)."""

@@ -16,7 +16,7 @@ class JSSAOptions:
     """How :class:`~jssa_gym.shields.JSSAShield` makes its rows and projects; the shield says what it does not take."""
 
     gradient: Literal["exact", "printed"] = "exact"
-    """Of the rows: exact, or Eq. (11)-(13) to the letter."""
+    """Gradient of the rows: exact, or Eq. (11)-(13) to the letter."""
     projector: Literal["exact", "osqp"] = "exact"
     """What finds the nearest jerk; see :mod:`jssa_gym.safety.projectors`."""
     weight: ArrayLike | Sequence[float] | None = None

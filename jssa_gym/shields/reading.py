@@ -70,7 +70,7 @@ class Reading:
     def forget(self) -> None:
         """Whoever and whatever is shown next is who and what there is."""
         self.names: tuple[str, ...] | None = None
-        """Of the human capsules; None while nobody knows."""
+        """Names of the human capsules; None while nobody knows."""
         if self._visitors is not None:
             self._visitors.forget()
         # whether it is settled who there is

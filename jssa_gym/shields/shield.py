@@ -291,36 +291,24 @@ class JSSAShield(Shield):
         given = watching(failsafe, region_of(env, failsafe) if region is None else region)
         if isinstance(failsafe, Mapping):
             failsafe = FailsafeParams.of(failsafe)
-        more: dict[str, Any] = {} if region is None else {"watched": asdict(region)}
+        form: dict[str, Any] = {
+            "profile": profile,
+            "horizon": horizon,
+            "lambda1": lambda1,
+            "lambda2": lambda2,
+            "d_min": d_min,
+            "rows": rows,
+            "recovery": recovery,
+            "viability": viability,
+        }
         gym.utils.RecordConstructorArgs.__init__(
             self,
-            profile=profile,
-            horizon=horizon,
-            lambda1=lambda1,
-            lambda2=lambda2,
-            d_min=d_min,
-            rows=rows,
-            recovery=recovery,
-            viability=viability,
+            **form,
             failsafe=asdict(failsafe) if isinstance(failsafe, FailsafeParams) else failsafe,
             options=asdict(options),
-            **more,
+            **({} if region is None else {"watched": asdict(region)}),
         )
-        robot, dt = robot_and_dt(env)
-        filter = profiled_filter(
-            robot,
-            dt,
-            profile=profile,
-            horizon=horizon,
-            lambda1=lambda1,
-            lambda2=lambda2,
-            d_min=d_min,
-            rows=rows,
-            recovery=recovery,
-            viability=viability,
-            failsafe=given,
-            options=options,
-        )
+        filter = profiled_filter(*robot_and_dt(env), **form, failsafe=given, options=options)
         super().__init__(env, filter)
 
     @classmethod
@@ -338,11 +326,5 @@ class JSSAShield(Shield):
         limits but the jerk's.
         """
         return cls(
-            env,
-            lambda1=lambda1,
-            lambda2=lambda2,
-            d_min=d_min,
-            viability=False,
-            failsafe=False,
-            **PUBLISHED_FORM,
+            env, lambda1=lambda1, lambda2=lambda2, d_min=d_min, viability=False, failsafe=False, **PUBLISHED_FORM
         )

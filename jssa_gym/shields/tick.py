@@ -48,7 +48,7 @@ class Tick:
         return of_clipping(self.nominal, self.clipped, self.robot.limits.jerk)
 
     def holding(self, held: int, halt: Array) -> "Tick":
-        """The same with a box that leaves the first ``held`` joints no choice but ``halt`` (n,)."""
+        """The same control step with a box that leaves the first ``held`` joints no choice but ``halt`` (n,)."""
         lower, upper, clipped = self.lower.copy(), self.upper.copy(), self.clipped.copy()
         lower[:held] = upper[:held] = halt[:held]
         clip(self.nominal, lower, upper, clipped)

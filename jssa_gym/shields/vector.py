@@ -154,7 +154,7 @@ class VectorShield(VectorWrapper):
         return [KINDS[code] for code in self.kind_codes().tolist()]
 
     def kind_codes(self) -> NDArray[np.int64]:
-        """The same by place in :data:`~jssa_gym.shields.words.KINDS`, shape (E,)."""
+        """Each arm's kind by its place in :data:`~jssa_gym.shields.words.KINDS`, shape (E,)."""
         return kind_codes(self._batch.answer.told)
 
     def _named(self, e: int) -> "Names":

@@ -64,7 +64,7 @@ class ShieldChoice:
         return read.stop or read.filter in WHOLE
 
     def changed(self, name: str, value: float) -> "ShieldChoice":
-        """The same with another number."""
+        """The same shield with another number."""
         return replace(self, changes={**self.changes, name: value})
 
     def around(self, env: gym.Env) -> gym.Env:

@@ -130,17 +130,17 @@ Check = Callable[[Any], bool]
 
 
 def switch(value: Any) -> bool:
-    """Of a checkbox, or a button that is pressed."""
+    """Whether a value is one of a checkbox, or of a button that is pressed."""
     return isinstance(value, bool)
 
 
 def number(low: float, high: float) -> Check:
-    """Of a slider or a number's field."""
+    """The check of a slider or a number's field."""
     return lambda value: _real(value) and low - 1e-9 <= value <= high + 1e-9
 
 
 def one_of(options: Callable[[], Sequence[str]]) -> Check:
-    """Of a dropdown, whose options may change."""
+    """The check of a dropdown, whose options may change."""
     return lambda value: isinstance(value, str) and value in options()
 
 

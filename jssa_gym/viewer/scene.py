@@ -227,7 +227,7 @@ class Picture:
             handle.on_drag("left")(dragged)
 
     def _follow(self, event: Any, part: str, origin: Array) -> None:
-        """From the pointer to a place on the plane of the floor, of a hand in that of the screen."""
+        """Move a part to where the pointer is, in the plane of the floor, or a hand in that of the screen."""
         people, pointer = self._people, np.array(event.end_position) - origin
         if event.phase == "end" or people is None:
             self._grabs.pop(event.client_id, None)

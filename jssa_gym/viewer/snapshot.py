@@ -36,7 +36,7 @@ class ArmView(NamedTuple):
     """One arm and its shield."""
 
     name: str
-    """Of the shield."""
+    """Name of the shield."""
     position: Array
     """Shape (n,) [rad]."""
     capsules: CapsuleSet
@@ -88,7 +88,7 @@ class Snapshot(NamedTuple):
     epoch: int
     """Grows with every change of robots, tasks or shields: what is drawn has to be made anew."""
     time: float
-    """Of the episode [s]."""
+    """Time of the episode [s]."""
     choices: Choices
     robot: RobotModel
     """The arm, where it stands."""
@@ -104,6 +104,6 @@ class Snapshot(NamedTuple):
     scrubbed: bool
     """Whether this is a moment of a saved episode."""
     length: float
-    """Of the saved episode [s]; 0 of a live one."""
+    """Length of the saved episode [s]; 0 of a live one."""
     message: str
     """What went wrong with the last command; empty if nothing did."""

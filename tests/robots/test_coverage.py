@@ -10,7 +10,7 @@ from jssa_gym.exceptions import RobotModelError
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
 from jssa_gym.robots.coverage import coverage
 from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
-from jssa_gym.robots.serial import serial_joints
+from jssa_gym.robots.serial import serial_faults
 
 TUBE = '<geom type="capsule" group="3" size=".05" fromto="0 0 0  .3 0 0"/>'
 """A capsule from one joint to the next."""
@@ -37,9 +37,14 @@ def read(tmp_path, xml, **options):
     return RobotModel.from_mjcf(path, velocity=np.ones(n), acceleration=np.ones(n), jerk=np.ones(n), **options)
 
 
+def joints_of(model):
+    assert serial_faults(model) == []
+    return list(range(model.njnt))
+
+
 def look(xml):
     model = mujoco.MjModel.from_xml_string(xml)
-    joints = serial_joints(model)
+    joints = joints_of(model)
     return coverage(model, joints, carrier_links(model, joints), np.zeros(model.nq), COLLISION_GROUP)
 
 
@@ -208,7 +213,7 @@ def test_the_shipped_arm_is_covered(caplog):
     """Every corner of every casting; the gripper turns with the last joint inside the wrist's capsule."""
     robot = lr_mate_200id_7l()
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
-    joints = serial_joints(model)
+    joints = joints_of(model)
     links = coverage(model, joints, carrier_links(model, joints), robot.home, COLLISION_GROUP)
     assert [link.link for link in links] == list(range(6))
     assert [bool(link.capsules) for link in links] == [True] * 5 + [False]

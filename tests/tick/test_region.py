@@ -160,7 +160,7 @@ WORLDS = {
 
 
 @pytest.mark.parametrize("name", WORLDS)
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 30))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 30))])
 def test_everybody_is_within_what_is_believed_whoever_comes_and_goes(robot, make_scene, name, seed):
     world = World(np.random.default_rng(seed), half=HALF, speed=SPEED, **WORLDS[name])
     arm, faults, inside, numbers = Guarded(robot, make_scene, position_error=world.error), 0, 0, set()

@@ -12,7 +12,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed")
 pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
 
-from trainings import newest, results, tiny
+from trainings import CHECKPOINTED, newest, results
 
 from jssa_gym.exceptions import CheckpointError
 from jssa_gym.storage import write_archive
@@ -21,34 +21,9 @@ from jssa_gym.train.checkpoint import KEEP, MANIFEST, latest_checkpoint, read_ch
 from jssa_gym.train.state import BUFFER, PARAMETERS, STATISTICS
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-CONFIG = tiny("sac")
-
-
-@pytest.fixture(scope="module")
-def original(tmp_path_factory):
-    """A training of three legs; not to be changed."""
-    folder = tmp_path_factory.mktemp("original")
-    train(CONFIG, folder)
-    return folder
-
-
-@pytest.fixture
-def folder(original, tmp_path):
-    """A copy of it."""
-    return Path(shutil.copytree(original, tmp_path / "copy"))
-
-
 @pytest.fixture(scope="module")
 def model():
-    model = build(CONFIG)
+    model = build(CHECKPOINTED)
     yield model
     model.get_env().close()
 
@@ -172,9 +147,9 @@ def test_a_training_goes_on_from_the_one_before_and_says_so(how, original, folde
     told: list[str] = []
     if how == "a file in its place":
         with pytest.raises(CheckpointError, match="cannot write"):
-            train(CONFIG, folder, say=told.append)
+            train(CHECKPOINTED, folder, say=told.append)
     else:
-        train(CONFIG, folder, say=told.append)
+        train(CHECKPOINTED, folder, say=told.append)
         assert results(folder) == results(original)
     assert told[0].startswith("passed over a checkpoint: ")
     assert told[1] == "going on from 128 policy steps"
@@ -185,7 +160,7 @@ def test_all_of_them_bad_is_an_error_and_nothing_begins_anew(folder):
         spoil_bit(one)
     before = content(folder)
     with pytest.raises(CheckpointError, match=r"none of the checkpoints .* can be used; delete it to begin anew"):
-        train(CONFIG, folder)
+        train(CHECKPOINTED, folder)
     assert content(folder) == before
 
 
@@ -229,11 +204,11 @@ def test_a_full_disk_is_said_and_earlier_checkpoints_stay(where, original, folde
 
         patch.setattr(loop, "evaluate", evaluated)
         with pytest.raises(CheckpointError, match="No space left on device"):
-            train(CONFIG, folder)
+            train(CHECKPOINTED, folder)
     after = content(folder / "checkpoints")
     assert {name: data for name, data in after.items() if name in earlier} == earlier
     assert (set(after) == set(earlier)) == (where != "history")
-    train(CONFIG, folder)
+    train(CHECKPOINTED, folder)
     assert results(folder) == results(original)
 
 

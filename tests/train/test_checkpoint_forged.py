@@ -8,7 +8,6 @@ import pickle
 import shutil
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed")
 pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
 
-from trainings import newest, seal, tiny
+from trainings import CHECKPOINTED, newest, seal
 
 from jssa_gym.exceptions import CheckpointError
 from jssa_gym.train import build, checkpoint, loop, train
@@ -24,34 +23,9 @@ from jssa_gym.train.checkpoint import MANIFEST, latest_checkpoint, read_checkpoi
 from jssa_gym.train.state import BUFFER, PARAMETERS, STATISTICS
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-CONFIG = tiny("sac")
-
-
-@pytest.fixture(scope="module")
-def original(tmp_path_factory):
-    """A training of three legs; not to be changed."""
-    folder = tmp_path_factory.mktemp("original")
-    train(CONFIG, folder)
-    return folder
-
-
-@pytest.fixture
-def folder(original, tmp_path):
-    """A copy of it."""
-    return Path(shutil.copytree(original, tmp_path / "copy"))
-
-
 @pytest.fixture(scope="module")
 def model():
-    model = build(CONFIG)
+    model = build(CHECKPOINTED)
     yield model
     model.get_env().close()
 
@@ -292,9 +266,9 @@ def test_the_sentinel_does_run_where_pickles_are_trusted(tmp_path):
 @pytest.mark.parametrize("data", [{}, {"history": None}, {"history": [{"steps": 192}]}, {"history": []}])
 def test_a_forged_history_is_refused(data, folder, model):
     one = newest(folder)
-    seal(one, data={"config": CONFIG.digest, **data})
+    seal(one, data={"config": CHECKPOINTED.digest, **data})
     with pytest.raises(CheckpointError, match="history"):
-        train(CONFIG, folder)
+        train(CHECKPOINTED, folder)
     with pytest.raises(CheckpointError, match="history"):
         loop._restore(model, read_checkpoint(one))
 
@@ -302,16 +276,16 @@ def test_a_forged_history_is_refused(data, folder, model):
 def test_a_history_that_ends_elsewhere_is_refused(folder, model):
     one = newest(folder)
     rows = json.loads((one / MANIFEST).read_text())["data"]["history"]
-    seal(one, data={"config": CONFIG.digest, "history": rows[:-1]})
+    seal(one, data={"config": CHECKPOINTED.digest, "history": rows[:-1]})
     with pytest.raises(CheckpointError, match="history"):
         loop._restore(model, read_checkpoint(one))
 
 
 @pytest.mark.long
 def test_another_training_s_checkpoint_is_refused(folder, tmp_path):
-    other = replace(CONFIG, seed=7)
+    other = replace(CHECKPOINTED, seed=7)
     train(other, tmp_path / "other")
     shutil.rmtree(newest(folder))
     shutil.copytree(newest(tmp_path / "other"), folder / "checkpoints" / "000000000192")
     with pytest.raises(CheckpointError, match="another training"):
-        train(CONFIG, folder)
+        train(CHECKPOINTED, folder)

@@ -19,14 +19,6 @@ CLOSE = {"human": "pursuit", "shield": False, "steps": 128}
 """Somebody comes near, and nothing keeps the arm away."""
 
 
-@pytest.fixture(autouse=True)
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.fixture
 def model(request):
     """Of a tiny training, with one rollout played."""

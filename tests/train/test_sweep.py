@@ -12,15 +12,6 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.train import learning_curves, train, train_seeds
 from jssa_gym.train.sweep import seed_folder
 
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 SHORT = tiny(steps=64)
 
 

@@ -22,15 +22,6 @@ from jssa_gym.train import TrainConfig, build, control_env, loop, preset, to_pol
 from jssa_gym.train.config import EVALUATION_SEED
 from jssa_gym.train.history import EpisodeCounter, as_rows, from_rows
 
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 # ---- what it says ------------------------------------------------------------------------------------
 
 

@@ -15,14 +15,6 @@ from places import ROOT
 torch = pytest.importorskip("torch", reason="torch is not installed")
 
 
-@pytest.fixture(autouse=True)
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 def example(name):
     """An example as a module of its own."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")

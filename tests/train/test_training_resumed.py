@@ -21,14 +21,6 @@ from jssa_gym.train import loop, train
 from jssa_gym.train.history import as_rows
 
 
-@pytest.fixture(autouse=True)
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 class Interrupted(Exception):
     pass
 

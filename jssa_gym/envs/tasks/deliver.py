@@ -14,7 +14,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.postures import reach_of
 from jssa_gym.types import Array, Planes
-from jssa_gym.validation import number_within, positive_integer, positive_number, real_array
+from jssa_gym.validation import check_fields, number_within, positive_integer, positive_number, real_array
 
 _APART = 0.4, 0.8
 """Distances of the two places that are drawn, as shares of the arm's reach."""
@@ -65,8 +65,7 @@ class Deliver(TipTask):
     """Deliveries that are asked for, each of two legs: 4 legs take an arm that nobody disturbs about half of 8 s."""
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "speed"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("tolerance", "speed"), positive_number)
         object.__setattr__(self, "stay", number_within("stay", self.stay, SHORTEST_STAY))
         object.__setattr__(self, "count", positive_integer("count", self.count))
 

@@ -13,7 +13,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.postures import clearances, nearest, room
 from jssa_gym.types import Array, Planes
-from jssa_gym.validation import positive_integer, positive_number, real_array
+from jssa_gym.validation import check_fields, positive_integer, positive_number, real_array
 
 _SHARE = 0.5
 """Share of the joint limits that the reference between two drawn waypoints may use."""
@@ -108,8 +108,7 @@ class Track(Task):
     """Root mean square joint speed that counts as rest [rad/s]."""
 
     def __post_init__(self) -> None:
-        for name in ("period", "tolerance", "speed"):
-            object.__setattr__(self, name, positive_number(name, getattr(self, name)))
+        check_fields(self, ("period", "tolerance", "speed"), positive_number)
         object.__setattr__(self, "count", positive_integer("count", self.count))
 
     def features(self, robot: RobotModel) -> tuple[Feature, ...]:

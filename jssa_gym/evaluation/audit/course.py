@@ -25,7 +25,7 @@ class Bystanders(NamedTuple):
     """Who is there."""
 
     names: tuple[str, ...]
-    """Of the capsules."""
+    """Names of the capsules."""
     radius: Array
     """Shape (m,) [m]."""
     person: NDArray[np.int64]
@@ -53,7 +53,7 @@ class Course(NamedTuple):
     nominal: Array
     """What was asked for, shape (T, n) [rad/s³]."""
     decisions: list[Decision] | None = None
-    """Of a shield."""
+    """Decisions of a shield."""
 
 
 def traced(

@@ -89,7 +89,7 @@ class RobotLog:
             )
 
     def value(self, k: int, joint: int) -> str:
-        """In words where a joint's sample is."""
+        """A joint's sample in words: where in the log it is."""
         name = self.joints[joint] if self.joints else f"joint {joint + 1}"
         return f"sample {k}, {name}" if self.rows is None else f"row {self.rows[k]}, column {name}"
 
@@ -218,7 +218,7 @@ def _columns(header: Sequence[str], n: int) -> list[tuple[int, str, str, float]]
 
 
 def _ordered(joints: list[str]) -> list[str]:
-    """By their numbers where all have one, else as they are written."""
+    """Joints in order: by their numbers where all have one, else as they are written."""
     numbers = [match[1] if (match := _NUMBERED.fullmatch(joint)) else None for joint in joints]
     if any(number is None for number in numbers):
         return joints

@@ -37,7 +37,7 @@ class Stretch(NamedTuple):
     states: Array
     """Shape (T + 1, 3, n) [rad, rad/s, rad/s²]."""
     ends: Array
-    """Of everybody's capsules, starts and ends, shape (T + 1, 2, m, 3) [m]."""
+    """Everybody's capsules, starts and ends, shape (T + 1, 2, m, 3) [m]."""
 
 
 def gaps_of(what: str, time: Array) -> list[Gap]:
@@ -96,7 +96,7 @@ def _stretch(log: RobotLog, inside: NDArray[np.bool_], people: Sequence[Recordin
 
 
 def spline_ends(position: Array) -> tuple[Any, Any]:
-    """Of the spline: at rest where the first, or last, three samples are alike; else the outermost pieces are one."""
+    """Ends of the spline: at rest where the outermost three samples are alike, else the outermost pieces are one."""
     still = (1, np.zeros(position.shape[1]))
     first, last = (
         still if np.ptp(three, axis=0).max() < 1e-6 else "not-a-knot" for three in (position[:3], position[-3:])

@@ -38,7 +38,7 @@ class Intervention:
     status: str
     """The strongest of its decisions."""
     reason: str
-    """Of its first decision."""
+    """Reason of its first decision."""
     distance: float
     """Smallest robot-human distance in it, as logged [m]."""
     slowed: float
@@ -58,7 +58,7 @@ class ClosestApproach:
     human: str
     """Body part."""
     speed: float
-    """Of the arm's nearest point [m/s]."""
+    """Speed of the arm's nearest point [m/s]."""
     approach: float
     """Rate at which the distance falls [m/s]; negative where it grows."""
 
@@ -68,13 +68,13 @@ class AuditedStretch:
     """A time without gaps."""
 
     time: Array
-    """Of the steps, by the log's clock, shape (T,) [s]."""
+    """Times of the steps, by the log's clock, shape (T,) [s]."""
     logged: Trace
     """As it was."""
     safe: Trace
     """As the shield would have had it."""
     lateness: Array
-    """Of the safe motion behind the log, shape (T,) [s]."""
+    """Lateness of the safe motion behind the log, shape (T,) [s]."""
     margins: tuple[Array, Array]
     """Distance minus S_p, as logged and with the shield, shape (T,) each [m]."""
     summaries: tuple[Summary, Summary]
@@ -124,7 +124,7 @@ class Audit:
 
     @property
     def interventions(self) -> tuple[Intervention, ...]:
-        """Of all stretches."""
+        """The interventions of all stretches."""
         return tuple(one for stretch in self.stretches for one in stretch.interventions)
 
     @property

@@ -32,7 +32,7 @@ class PersonTrack:
     """Somebody who was recorded beside the robot."""
 
     name: str
-    """Of the file."""
+    """Name of the file."""
     recording: Recording
     gaps: tuple[Gap, ...]
 

@@ -47,7 +47,7 @@ class Link:
     inertia: Array
     """About it, shape (3, 3) [kg m²]."""
     armature: float
-    """Of its joint [kg m²]."""
+    """Armature of its joint [kg m²]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -69,7 +69,7 @@ class Solid(NamedTuple):
     triangles: Array
     """Shape (t, 3, 3) [m]."""
     radius: Array
-    """Of the balls, shape (t,) [m]."""
+    """Radius of the balls, shape (t,) [m]."""
 
     def points(self) -> tuple[Array, Array]:
         """Corners that a convex shape has to hold to hold all of it, shape (p, 3) [m], and their balls', shape (p,)."""
@@ -262,7 +262,7 @@ def _axes(points: Array) -> Array:
 
 
 def _hull_volume(solid: Solid, sides: Array = _SIDES) -> float:
-    """Of points on the balls around a shape, on these sides of their centres [m³]."""
+    """The hull's volume, of points on the balls around a shape, on these sides of their centres [m³]."""
     points, radii = solid.points()
     corners = np.concatenate([points + radii[:, None] * side for side in sides])
     try:

@@ -25,9 +25,9 @@ class Looked(NamedTuple):
     """Distances in postures."""
 
     own: Array
-    """Of the pairs, shape (k, p) [m]."""
+    """Distances of the pairs, shape (k, p) [m]."""
     table: Array
-    """Of the lowest capsule from the base's height, shape (k,) [m]; inf where none can come down."""
+    """Height of the lowest capsule above the base, shape (k,) [m]; inf where none can come down."""
     tip: Array
     """Tool centre point, shape (k, 3) [m]."""
 
