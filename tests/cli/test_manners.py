@@ -27,10 +27,17 @@ def test_what_cannot_be_parsed_names_the_commands_own_help(words, here, tmp_path
 
 
 @pytest.mark.parametrize(
-    "words", [("evaluate", "--task", "swim"), ("demo", "--speed", "-1"), ("bench", "--rounds", "0")]
+    ("command", "wrong"),
+    [
+        ("evaluate", ("--task", "swim")),
+        ("demo", ("--speed", "-1")),
+        ("bench", ("--rounds", "0")),
+        ("leaderboard submit", ()),
+        ("leaderboard", ("--board", "a", "--board", "b")),
+    ],
 )
-def test_wrong_values_name_the_commands_own_help(words, here, tmp_path):
-    assert one_line(here(*words, cwd=tmp_path)).endswith(f"; see jssa-gym {words[0]} --help")
+def test_wrong_values_name_the_commands_own_help(command, wrong, here, tmp_path):
+    assert one_line(here(*command.split(), *wrong, cwd=tmp_path)).endswith(f"; see jssa-gym {command} --help")
 
 
 def test_errors_that_no_help_helps_with_name_none(here, tmp_path):
