@@ -13,6 +13,7 @@ import functools
 import gymnasium as gym
 
 import jssa_gym
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.safety.failsafe import FailsafeParams
 
@@ -29,6 +30,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=100, help="per cell")
     parser.add_argument("--seed", type=int, default=800_000, help="first seed")
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     for human in ("walk_by", "random"):
         for name, failsafe in ASSUMED.items():
             report = jssa_gym.evaluate(functools.partial(build, human, failsafe), "jpc", args.episodes, args.seed)

@@ -15,6 +15,7 @@ import numpy as np
 
 from jssa_gym.envs.arm import DT, MOVING, ArmEnv
 from jssa_gym.evaluation.contenders import shielded
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.humans import Steered
 from jssa_gym.policies import SteeredPolicy
@@ -167,6 +168,7 @@ def main() -> None:
     parser.add_argument("--restarts", type=int, default=1)
     parser.add_argument("--out", type=Path, help="JSON file for the results")
     options = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     rows = []
     for shield in options.shields:
         for who in options.who:

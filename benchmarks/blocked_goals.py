@@ -31,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jssa_gym.envs import TASKS, ArmEnv
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.spans import longest
 from jssa_gym.evaluation.statistics import Rate, bootstrap_interval
 from jssa_gym.exceptions import JSSAGymError, ParameterError
@@ -167,6 +168,7 @@ def main() -> None:
     parser.add_argument("--not-before", type=float, help="when the arm can be there [s], instead of the bound")
     parser.add_argument("--json", type=Path, help="also write the numbers, with the seeds, to this file")
     arguments = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     try:
         episodes, seed = positive_integer("episodes", arguments.episodes), whole_number("seed", arguments.seed)
         seconds, not_before = number_within("seconds", arguments.seconds, 0.1, 600.0), arguments.not_before

@@ -69,10 +69,13 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=1000)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    from jssa_gym.evaluation.identity import made_with
+
     found = costs(plans(options.episodes, options.steps), options.rounds)
     if options.json:
-        print(json.dumps(found, indent=1))
+        print(json.dumps({"made with": made_with()} | found, indent=1))
         return
+    print(made_with())
     print(f"{'':45}{'single':>9}{'at once':>9}")
     for name, cost in found.items():
         ratio = cost["single"] / cost["at once"]

@@ -48,6 +48,7 @@ from cbfpy import CBF, CBFConfig
 
 import jssa_gym
 from jssa_gym.cli.demo import paper_scene
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.shields import JSSAFilter
@@ -219,6 +220,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=20)
     parser.add_argument("--alpha", type=float, default=1.0 / DT, help="CBFpy's gain [1/s]; default 1/dt")
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     robot, scenes, nominals = record(args.scenes)
     shield = JSSAFilter(robot, DT, INDEX)
     decisions = [shield.decide(scene, nominal) for scene, nominal in zip(scenes, nominals, strict=True)]

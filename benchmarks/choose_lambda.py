@@ -21,6 +21,7 @@ import numpy as np
 
 import jssa_gym
 from jssa_gym.envs.arm import MOVING
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.humans import ApproachRetreat, Nobody, Walk, WalkBy, nobody
 from jssa_gym.kernels.chain import forward, tool_motion
@@ -256,6 +257,7 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, default=Path("choose_lambda.csv"))
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     candidates = [Candidate(*map(float, one.split(","))) for one in args.only] if args.only else list(CANDIDATES)
     log, done = args.out.with_suffix(".jsonl"), {}
     if log.exists():

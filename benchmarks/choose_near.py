@@ -15,6 +15,7 @@ import functools
 import gymnasium as gym
 
 import jssa_gym
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.statistics import Rate
 
 TUNING = 700_000
@@ -39,6 +40,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--only", action="append", help="lambda1,lambda2 instead of all pairs and the stop")
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     for pair in [tuple(map(float, one.split(","))) for one in args.only] if args.only else (*PAIRS, None):
         for human in PEOPLE:
             report = jssa_gym.evaluate(

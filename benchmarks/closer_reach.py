@@ -14,6 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 import jssa_gym
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.humans import Pursuit, Steered
 from jssa_gym.safety.failsafe import ARM_SPEEDS, FailsafeParams
@@ -106,6 +107,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=16, help="per cell")
     parser.add_argument("--seed", type=int, default=900_000, help="first seed")
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     for task in ("Reach", "Home"):
         compare(task, "hand", ("one speed", "by end"), "jssa", args)
         compare(task, "hand", ("one speed", "by end"), "stop", args)

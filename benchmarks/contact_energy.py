@@ -14,6 +14,7 @@ from typing import Any
 import gymnasium as gym
 
 from jssa_gym.evaluation import Summary, geometry, make_policy, rollout, summarise
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.people import make_person
 from jssa_gym.evaluation.statistics import Rate, short
 from jssa_gym.safety.energy import CONTACT_ENERGY
@@ -46,6 +47,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=10, help="of every kind of people and policy")
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     print("| contacts | touched | moving contact | fastest | above the energy | largest share of it | limit exceeded |")
     print("|---|---|---|---|---|---|---|")
     for name, stop in STOPS.items():

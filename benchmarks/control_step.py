@@ -129,6 +129,9 @@ def main() -> None:
         return
     import numpy as np
 
+    from jssa_gym.evaluation.identity import made_with
+
+    print(made_with())
     trees = {"now": ROOT} | ({"before": options.before.resolve()} if options.before else {})
     times: dict[str, dict[str, list[float]]] = {name: {} for name in trees}
     for _ in range(options.rounds):

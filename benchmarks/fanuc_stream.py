@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import jssa_gym
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.hardware.fanuc import FanucStream, Program, UdpLink
 from jssa_gym.humans import make_human, nobody
 
@@ -60,6 +61,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--every", type=float, default=10.0, help="seconds between faults")
     given = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     robot = jssa_gym.ROBOTS["lr_mate_200id_7l"]("stream")
     guard = jssa_gym.Guard(robot, failsafe={"actuation_lag": 0.2, "tracking_error": 0.01})
     guard.start(robot.home)

@@ -16,6 +16,7 @@ import numpy as np
 
 import jssa_gym
 from jssa_gym.envs.arm import MOVING
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.humans import Recorded, Recording, bvh
 from jssa_gym.safety.failsafe import LEG_SPEEDS, FailsafeParams
 
@@ -126,6 +127,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=10)
     parser.add_argument("--aside", type=float, default=0.9, help="of the way past the base axis, at least [m]")
     options = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         file = gait(Path(folder) / "walk.bvh")
         bodies = {body: bvh.convert(file, body=body) for body in ("six", "jointed")}

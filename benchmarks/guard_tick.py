@@ -20,6 +20,7 @@ import numpy as np
 
 import jssa_gym
 from jssa_gym.envs.surroundings import Surroundings
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.humans import make_human, nobody
 from jssa_gym.humans.visitors import HIGH, LOW
 from jssa_gym.kernels.motion import integrate
@@ -178,6 +179,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--unmeasured", action="store_true", help="no joint positions are measured")
     given = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     if not given.soak:
         for kind, (median, most, largest) in times(given.ticks, given.dt).items():
             print(f"{kind:10} median {median:7.1f} µs, 99 % {most:7.1f} µs, largest {largest:8.1f} µs")

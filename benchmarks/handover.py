@@ -14,6 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 import jssa_gym
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.humans import Receive
 from jssa_gym.policies import POLICIES
 
@@ -60,6 +61,7 @@ def main():
     parser.add_argument("--only", nargs="*", default=[""], help="shields whose name contains one of these")
     parser.add_argument("--stay", type=float, help="how long the hand is held out [s]; the task's own without")
     arguments = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     steps = round(arguments.seconds / 0.008)
     print(
         "shield                                success  median time [s]  90 %   nearest [m]  contact [m/s]"

@@ -10,6 +10,7 @@ import gymnasium as gym
 
 import jssa_gym
 from jssa_gym.envs.arm import MOVING
+from jssa_gym.evaluation.identity import made_with
 
 
 def play(env, seed):
@@ -30,6 +31,7 @@ def main():
     parser.add_argument("--alone", type=int, default=300, help="episodes with nobody there")
     parser.add_argument("--shielded", type=int, default=60, help="episodes beside the random walker, shielded")
     arguments = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     alone = gym.make("jssa_gym/Reach-v0", human="none")
     shielded = jssa_gym.JSSAShield(gym.make("jssa_gym/Reach-v0"))
     for name, env, count in (("alone", alone, arguments.alone), ("shielded", shielded, arguments.shielded)):

@@ -2,14 +2,18 @@
 
     python benchmarks/mutants.py                 # all, a quarter of an hour on one core
     python benchmarks/mutants.py age tail        # those whose name contains one of the words
+    python benchmarks/mutants.py --log FILE      # goes on where a run that was ended left off
 
 A mutant is a substitution in the source of a copy of the package; the tests that are to notice it run on that copy
 with kernels that are not compiled (compiling each mutant takes longer than its tests). Exit status 1 if one survives,
 or if a substitution no longer fits the source.
 """
 
+import argparse
 import os
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -18,8 +22,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
-TIMEOUT = 300.0
-"""A mutant that keeps its tests busy for longer is noticed too [s]."""
+LONGEST = 300
+"""Processor time [s]: a mutant that keeps its tests busy for longer is noticed too, however busy the machine is."""
+PATIENCE = 7200.0
+"""One that makes them wait for ever likewise [s]."""
 
 PEERS = "[ssa or -ssa or sss or cbf or pfm or sma or ssm or [stop or -stop"
 """Cases of other filters than the shield's own, which would only repeat what those of the shield notice."""
@@ -176,8 +182,11 @@ MUTANTS = [
     _kernel("too many looks read as safe", "return UNDECIDED, -1, -1, t", "return SAFE, -1, -1, t"),
     _kernel(
         "NaN distance of a person passes",
-        "if not (lasts > _SHORTEST):\n                    return REACH",
-        "if lasts <= _SHORTEST:\n                    return REACH",
+        # both doors, of which the second would do: what is asked between them is not told NaN
+        "if not (lasts > _SHORTEST):\n                    lasts = apart_for("
+        "part, radii, around.confined[k], reach[k], speed[k], rate, t)\n                if not (lasts > _SHORTEST):",
+        "if lasts <= _SHORTEST:\n                    lasts = apart_for("
+        "part, radii, around.confined[k], reach[k], speed[k], rate, t)\n                if lasts <= _SHORTEST:",
         NUMBERS,
     ),
     _kernel(
@@ -234,7 +243,7 @@ MUTANTS = [
     _admit("limits check skipped", "    if not keeps_limits(", "    if False and not keeps_limits(", CHOICE),
     _kernel("the step's limits not checked", "if not step_keeps(", "if False and not step_keeps(", CHOICE),
     _kernel("the stop's limits not checked", "if not stop_keeps(", "if False and not stop_keeps(", CHOICE),
-    _admit("half-way jerk not verified", "if code == SAFE:", "if True:", CHOICE),
+    _admit("half-way jerk not verified", "if half == SAFE:", "if True:", CHOICE),
     _admit(
         "tail one tick ahead",
         "stop_jerk(memory.stored[e], step, jerk)\n    integrate",
@@ -1104,7 +1113,13 @@ MUTANTS = [
     ),
     _track("any number", "shields/association.py", "if len(source) > self._capacity:", "if False:", "more_people"),
     # in front of a controller
-    _guard("what is no command is followed", "guard/guard.py", "self._nominal.fill(math.nan)", "pass", "no_command"),
+    _guard(
+        "what is no command is followed",
+        "guard/guard.py",
+        "wrong = self._follower.jerk(command, state, self._nominal) or wrong",
+        "self._follower.jerk(command, state, self._nominal)",
+        "no_command",
+    ),
     _guard(
         "a late tick skips a part of the stop",
         "tick/joints.py",
@@ -1329,44 +1344,70 @@ def run(tests: tuple[str, str], copy: Path) -> tuple[str, str]:
         f"({tests[1]}) and not ({PEERS})" if tests[0] == FILTERS else tests[1],
     ]
     try:
-        done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, timeout=TIMEOUT)
+        done = subprocess.run(
+            command, cwd=copy, env=environment, capture_output=True, text=True, timeout=PATIENCE,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST)),
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
+        return "failed", "waited for ever"
+    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         return "failed", "took too long"
     first = next((line for line in done.stdout.splitlines() if line.startswith("FAILED")), "")
     return {0: "passed", 1: "failed"}.get(done.returncode, f"error {done.returncode}"), first[7:].split(" - ")[0]
 
 
+def judge(mutant: Mutant, copy: Path) -> tuple[str, str]:
+    """Run the mutant's tests on a copy that has it, and take it out again: the verdict, and the first failure."""
+    path = copy / "jssa_gym" / mutant.file
+    source = path.read_text()
+    if source.count(mutant.old) != 1:
+        return "DOES NOT FIT", f"{source.count(mutant.old)} places in {mutant.file}"
+    path.write_text(source.replace(mutant.old, mutant.new))
+    outcome, first = run(mutant.tests, copy)
+    path.write_text(source)
+    return {"failed": "killed", "passed": "SURVIVED"}.get(outcome, outcome.upper()), first
+
+
+def killed(log: Path | None) -> set[str]:
+    """Names of the mutants that a run before noticed, by its log."""
+    if log is None or not log.exists():
+        return set()
+    lines = (line.split("\t") for line in log.read_text(encoding="utf-8").splitlines())
+    return {line[2] for line in lines if line[0] == "killed"}
+
+
 def main() -> int:
-    words = sys.argv[1:]
-    chosen = [mutant for mutant in MUTANTS if not words or any(word in mutant.name for word in words)]
-    survived = broken = 0
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("words", nargs="*", metavar="WORD", help="only mutants whose name has one of them")
+    parser.add_argument("--log", type=Path, help="a line for each goes there; what it says was killed is left out")
+    args = parser.parse_args()
+    chosen = [mutant for mutant in MUTANTS if not args.words or any(word in mutant.name for word in args.words)]
+    before = killed(args.log)
+    left = [mutant for mutant in chosen if mutant.name not in before]
+    verdicts, unchanged = ["killed"] * (len(chosen) - len(left)), dict[tuple[str, str], tuple[str, str]]()
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder)
         ignore = shutil.ignore_patterns("__pycache__")
         for part in ("jssa_gym", "tests"):
             shutil.copytree(ROOT / part, copy / part, ignore=ignore)
         shutil.copy(ROOT / "pyproject.toml", copy)
-        for tests in sorted({mutant.tests for mutant in chosen}):
-            outcome, first = run(tests, copy)
-            if outcome != "passed":
-                print(f"unchanged, {tests}: {outcome} {first}", flush=True)
-                return 1
-        for number, mutant in enumerate(chosen, 1):
-            path, begun = copy / "jssa_gym" / mutant.file, time.perf_counter()
-            source = path.read_text()
-            if source.count(mutant.old) != 1:
-                outcome, first = "does not fit", f"{source.count(mutant.old)} places in {mutant.file}"
-            else:
-                path.write_text(source.replace(mutant.old, mutant.new))
-                outcome, first = run(mutant.tests, copy)
-                path.write_text(source)
-            verdict = {"failed": "killed", "passed": "SURVIVED"}.get(outcome, outcome.upper())
-            survived += verdict == "SURVIVED"
-            broken += verdict not in ("killed", "SURVIVED")
+        for number, mutant in enumerate(left, len(chosen) - len(left) + 1):
+            begun = time.perf_counter()
+            if mutant.tests not in unchanged:
+                unchanged[mutant.tests] = run(mutant.tests, copy)
+            outcome, first = unchanged[mutant.tests]
+            verdict = f"UNCHANGED {outcome.upper()}"
+            if outcome == "passed":
+                verdict, first = judge(mutant, copy)
+            verdicts.append(verdict)
             seconds = time.perf_counter() - begun
             print(f"{number:3d}  {verdict:9s} {seconds:5.0f} s  {mutant.name:48s} {first}", flush=True)
-    print(f"{len(chosen)} mutants: {len(chosen) - survived - broken} killed, {survived} survived, {broken} broken")
-    return int(survived + broken > 0)
+            if args.log is not None:
+                with args.log.open("a", encoding="utf-8") as log:
+                    log.write(f"{verdict}\t{seconds:.0f}\t{mutant.name}\t{first}\n")
+    noticed, survived = verdicts.count("killed"), verdicts.count("SURVIVED")
+    print(f"{len(chosen)} mutants: {noticed} killed, {survived} survived, {len(chosen) - noticed - survived} broken")
+    return int(noticed < len(chosen))
 
 
 if __name__ == "__main__":

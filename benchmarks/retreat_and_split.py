@@ -33,6 +33,7 @@ import jssa_gym
 from jssa_gym.control import PacedPath, plan_move
 from jssa_gym.control.inverse import path_is_clear
 from jssa_gym.control.moves import brake_jerk, plan_brake
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.metrics import Summary, summarise
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import InfeasibleError
@@ -399,6 +400,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--only", default="", help="cells whose names have this in them")
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     print("| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", sep="\n", flush=True)
     for cell in PARTS[args.part]():
         if args.only in " ".join(cell):

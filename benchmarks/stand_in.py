@@ -25,6 +25,7 @@ import time
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.exceptions import JSSAGymError
 from jssa_gym.humans import Body
 from jssa_gym.paper import person, reported
@@ -124,6 +125,7 @@ def main() -> None:
     parser.add_argument("--generations", type=int, default=0)
     parser.add_argument("--polish", type=int, default=300, help="evaluations of the simplex")
     chosen = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     started = time.time()
 
     def tell(intermediate_result):

@@ -4,8 +4,8 @@
     python benchmarks/tables.py --run              # those of at most five minutes, one after the other
     python benchmarks/tables.py --run Table1 --minutes 600
 
-The commands are read from the pages that show the tables, block by block, and run in the folder --out, where campaigns
-and comparisons that were interrupted go on. Minutes are of one core that has nothing else to do, roughly.
+The commands are read from the pages that show the tables, block by block, and run in the folder --out, where campaigns,
+comparisons and trainings that were interrupted go on. Minutes are of one core that has nothing else to do, roughly.
 """
 
 import argparse
@@ -32,8 +32,12 @@ class Table(NamedTuple):
 
 
 TABLES = {
+    "Bench": Table("benchmarks.md", "jssa-gym bench", 5),
+    "ControlStep": Table("benchmarks.md", "benchmarks/control_step.py", 5),
+    "Peer": Table("benchmarks.md", "benchmarks/cbfpy_peer.py", 3),
     "Paper": Table("reproducing.md", "jssa-gym reproduce all", 1),
     "TurningPerson": Table("reproducing.md", "benchmarks/turning_person.py", 1),
+    "StandIn": Table("reproducing.md", "benchmarks/stand_in.py", 10),
     "Certificate": Table("certificate.md", "--sweep", 60),
     "Certificate10M": Table("certificate.md", "--out paper_10m", 15),
     "Leaderboard": Table("leaderboard.md", "benchmarks/leaderboard.py home reach_track handover rest --ours", 270),
@@ -41,30 +45,56 @@ TABLES = {
     "Receive": Table("leaderboard.md", "--out receive", 8),
     "AssumedSpeed": Table("leaderboard.md", "benchmarks/assumed_speed.py", 5),
     "Profiles": Table("filters.md", "--out compared", 40),
+    "Tuning": Table("filters.md", "benchmarks/tune_filters.py", 60),
     "Retreat": Table("filters.md", "retreat_and_split.py retreat", 20),
     "Split": Table("filters.md", "retreat_and_split.py split", 20),
+    "CloserReach": Table("guarantees.md", "benchmarks/closer_reach.py", 10),
+    "Visitors": Table("guarantees.md", "benchmarks/visitors.py", 20),
     "Claim": Table("guarantees.md", "--out claim-more", 120),
     "Joints": Table("guarantees.md", "--out joints-unchecked", 40),
     "Power": Table("guarantees.md", "--preset power", 12),
     "Avoid": Table("guarantees.md", "--out rows", 60),
     "Attack": Table("guarantees.md", "benchmarks/attack.py", 60),
     "Energy": Table("guarantees.md", "benchmarks/contact_energy.py", 2),
+    "Servo": Table("guarantees.md", "benchmarks/servo_residual.py", 15),
     "Robots": Table("robots.md", "--out cells_ur5e", 4),
     "Camera": Table("sensors.md", "--out camera", 20),
+    "CameraCost": Table("sensors.md", "--out by_camera", 5),
+    "Feet": Table("humans.md", "benchmarks/feet.py", 3),
     "Sliding": Table("maths.md", "benchmarks/sliding.py", 10),
     "Lambda": Table("maths.md", "--episodes 300 --only 2,0.25", 120),
+    "Near": Table("maths.md", "benchmarks/choose_near.py", 60),
+    "Controller": Table("control.md", "benchmarks/jpc.py", 5),
+    "VectorController": Table("control.md", "benchmarks/vector_jpc.py", 4),
+    "HandoverController": Table("control.md", "benchmarks/handover.py", 10),
     "Tasks": Table("tasks.md", "--out reached", 4),
+    "Handover": Table("tasks.md", "benchmarks/handover.py --episodes 20", 10),
+    "HandoverPatient": Table("tasks.md", "--stay 60 --seconds 20", 4),
+    "Deliver": Table("tasks.md", "--out delivered-straight", 3),
     "Guard": Table("controller.md", "benchmarks/guard_tick.py", 2),
+    "Stream": Table("controller.md", "benchmarks/fanuc_stream.py", 10),
+    "Campaign": Table("evaluation.md", "benchmarks/campaign_rate.py", 5),
     "Vector": Table("vector.md", "benchmarks/vector_step.py", 2),
+    "Viewer": Table("viewer.md", "benchmarks/viewer_rate.py --seconds 15", 1),
+    "ViewerBrowser": Table("viewer.md", "benchmarks/viewer_rate.py --seconds 8 --browser", 1),
+    "Trainings": Table("training.md", "--out reach-0", 1500),
+    "Trained": Table("training.md", "benchmarks/trained.py reach-0/best.npz", 60),
+    "Curves": Table("training.md", "jssa-gym curves ppo-inside ppo-without ppo-lagrangian", 15),
+    "TrainedHandover": Table("training.md", "--task Handover --episodes 1000", 600),
+    "Executed": Table("training.md", "--learn-from executed", 200),
+    "TrainedExecuted": Table("training.md", "benchmarks/trained.py executed-0/best.npz", 10),
+    "Overhead": Table("training.md", "benchmarks/training_overhead.py", 10),
+    "Blocked": Table("training.md", "benchmarks/blocked_goals.py", 1),
 }
-"""Tables by a word of their own. Those of trained policies take days: docs/training.md has the commands."""
+"""Tables by a word of their own."""
 
 
 def blocks(page: str) -> list[str]:
-    """The indented blocks of a page, as a shell would read them."""
+    """The commands of a page, as a shell would read them: its indented blocks, and what stands in a sentence."""
     text = re.sub(r"^```.*?^```", "", (DOCS / page).read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     found = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
-    return ["".join(line[4:] + "\n" for line in block.splitlines()) for block in found]
+    found = ["".join(line[4:] + "\n" for line in block.splitlines()) for block in found]
+    return found + [f"{one}\n" for one in re.findall(r"`((?:chrt \S+ \S+ )?(?:jssa-gym|python) [^`\n]+)`", text)]
 
 
 def block(table: Table) -> str:

@@ -10,6 +10,7 @@ import argparse
 from pathlib import Path
 
 from jssa_gym.evaluation import Report, evaluate
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.statistics import Rate, paired_difference
 
 ASKED = ("success_and_safe", "moving_contact", "collision")
@@ -46,6 +47,7 @@ def main() -> None:
     parser.add_argument("--bare", nargs="*", default=["yes", "no"], choices=["yes", "no"], help="without shield too?")
     parser.add_argument("--out", type=Path, default=Path("trained"))
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     print("| policy | shield | success without a contact | safe success | moving contacts | contacts | limit exceeded |"
           " time to the goal | changed |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|")

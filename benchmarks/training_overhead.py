@@ -14,6 +14,7 @@ from pathlib import Path
 
 import torch
 
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.train import PPO, TrainConfig, preset, train
 
 
@@ -28,6 +29,7 @@ def main() -> None:
         "--steps", type=int, default=1024, help="policy steps of a leg; at least 16 of each environment"
     )
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     torch.set_num_threads(1)
     print(f"medians of {args.legs} legs, processor time of a policy step [ms], inside the shield and without:")
     for envs in args.envs:

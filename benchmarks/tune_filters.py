@@ -24,6 +24,7 @@ import numpy as np
 
 import jssa_gym
 from jssa_gym.evaluation import rollout
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.humans import ApproachRetreat, Walk, WalkBy
 from jssa_gym.policies import HoldPolicy, WanderPolicy
 from jssa_gym.shields import CBFParams, PFMParams, SMAParams, SSAParams, SSMParams, SSSParams
@@ -133,6 +134,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=TUNING)
     parser.add_argument("--out", type=Path, default=Path("tune_filters.csv"))
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     rows: list[dict[str, Any]] = []
     for name in args.only.split(","):
         found = []

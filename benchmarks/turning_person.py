@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.exceptions import JSSAGymError
 from jssa_gym.humans import HumanMotion
 from jssa_gym.paper import claims, person, reported
@@ -204,6 +205,7 @@ def main() -> None:
     parser.add_argument("--generations", type=int, default=30)
     parser.add_argument("--polish", type=int, default=250, help="evaluations of the simplex")
     chosen = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     show(search(chosen.seed, chosen.generations, chosen.polish) if chosen.search else FOUND)
 
 

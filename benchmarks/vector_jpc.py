@@ -80,10 +80,13 @@ class Many:
 def main() -> None:
     import numpy as np
 
+    from jssa_gym.evaluation.identity import made_with
+
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--arms", type=int, default=64)
     parser.add_argument("--rounds", type=int, default=20)
     options = parser.parse_args()
+    print(made_with())
     print(f"{'':12}{'one: policy':>14}{'with step':>14}{f'{options.arms}: policy':>14}{'with step':>14}")
     for shield in SHIELDS:
         contenders = One(shield), Many(shield, options.arms)

@@ -91,13 +91,16 @@ def main() -> None:
     parser.add_argument("--human", default="random", help="people by name; default: random")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    from jssa_gym.evaluation.identity import made_with
+
     found = {"cost": costs(COUNTS, options.rounds, options.human)}
     large = costs((256, 16384), 3, options.human)
     found["16384 beside 256"] = {name: times["16384"] / times["256"] for name, times in large.items()}
     found["KiB an environment"] = memory(2048, options.human)
     if options.json:
-        print(json.dumps(found, indent=1))
+        print(json.dumps({"made with": made_with()} | found, indent=1))
         return
+    print(made_with())
     print(f"{'':20}" + "".join(f"{key:>17}" for key in ("single", *COUNTS)))
     for name, times in found["cost"].items():
         alone = times["single"]

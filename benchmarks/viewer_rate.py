@@ -19,6 +19,7 @@ from typing import Any
 
 from websockets.sync.client import connect
 
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.viewer.choices import Choices, ShieldChoice
 from jssa_gym.viewer.gate import Door
 from jssa_gym.viewer.page import Page
@@ -151,6 +152,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--browser", action="store_true")
     given = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     for shields in (("shielded",), ("shielded", "yield")):
         measure(shields, given.seconds, given.browser)
 

@@ -20,6 +20,7 @@ import gymnasium as gym
 import numpy as np
 
 import jssa_gym
+from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.humans import Body, HumanMotion, Visitors, nobody
 from jssa_gym.safety.failsafe import FailsafeParams
@@ -211,6 +212,7 @@ def main() -> int:
     parser.add_argument("--shields", nargs="+", choices=list(SHIELDS), default=list(SHIELDS))
     parser.add_argument("--out", type=Path, default=Path("visitors.jsonl"), help="a line for each episode")
     args = parser.parse_args()
+    print(f"{made_with()}\n", flush=True)
     rows = [json.loads(line) for line in args.out.read_text().splitlines()] if args.out.exists() else []
     done = {(row["shield"], row["seed"]) for row in rows}
     with args.out.open("a") as file:

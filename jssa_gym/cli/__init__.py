@@ -78,13 +78,20 @@ def main() -> None:
         except (JSSAGymError, OSError) as error:
             wrong = isinstance(error, ParameterError) and not isinstance(error.__cause__, OSError)
             asked = wrong and arguments[:1] and arguments[0] in COMMANDS
-            terminal.complain(f"{error}; see jssa-gym {arguments[0]} --help" if asked else error)
+            terminal.complain(f"{error}; see jssa-gym {_whose(arguments)} --help" if asked else error)
             terminal.abandon_output()
             raise SystemExit(2) from error
         except KeyboardInterrupt:  # of commands that do not know better what they leave behind
             terminal.complain("stopped; give the same command again")
             terminal.abandon_output()
             raise SystemExit(130) from None
+
+
+def _whose(arguments: Sequence[str]) -> str:
+    """The command whose arguments these are; where it has actions, with the one that is asked for."""
+    name, *rest = arguments
+    has_actions = "action" in getattr(COMMANDS[name], "__annotations__", {})
+    return " ".join([name, *rest[:1]]) if has_actions and rest and not rest[0].startswith("-") else name
 
 
 def _parse(arguments: Sequence[str]) -> Command:

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from jssa_gym.cli.evaluate import find_policies_here, ticks
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, TASK
+from jssa_gym.cli.names import FILTER, OWN_HUMAN, POLICY, ROBOT, TASK
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.datasets import DESCRIBED, Recipe, read_digest, write_dataset
@@ -35,8 +35,7 @@ class DatasetCommand:
     task: Annotated[str, TASK] = "reach"
     policy: Annotated[str, POLICY] = "jpc"
     shield: Annotated[str, FILTER] = TASK_SHIELD
-    human: Annotated[str | None, HUMAN] = None
-    """None for the task's own."""
+    human: Annotated[str | None, OWN_HUMAN] = None
     episodes: int = 100
     """How many."""
     seed: int = 0
@@ -50,7 +49,8 @@ class DatasetCommand:
     out: Path = Path("datasets")
     """Folder of data sets, which the environment variable MINARI_DATASETS_PATH tells Minari."""
     check: Path | None = None
-    """Make none: tell whether the one in this folder still is what it was. The exit code is 1 if not."""
+    """Make none: tell whether the one in this folder, such as datasets/mine/reach-v0, still is what it was. The exit
+    code is 1 if not. No other option but --json."""
     trust_pickle: bool = False
     """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
     json: bool = False
@@ -105,10 +105,14 @@ class DatasetCommand:
         )
 
     def _check(self, folder: Path) -> None:
+        if self != DatasetCommand(check=folder, json=self.json):
+            raise ParameterError("--check makes no data set: leave the other options but --json out")
         found, said = read_digest(folder)
         if self.json:
             print(json.dumps({"sha256": found, "as_written": found == said}))
         else:
-            Terminal().say("as it was written" if found == said else f"changed: SHA-256 {found}, and was {said}")
+            Terminal().say(
+                f"as it was written: SHA-256 {found}" if found == said else f"changed: SHA-256 {found}, was {said}"
+            )
         if found != said:
             raise SystemExit(1)

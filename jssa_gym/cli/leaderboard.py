@@ -11,7 +11,7 @@ from jssa_gym.board.submission import PURPOSEFUL
 from jssa_gym.board.tables import complete_cells, filters_of, overview, verdicts
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import find_policies_here, play
-from jssa_gym.cli.names import TASK
+from jssa_gym.cli.names import SOME_TASKS
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.identity import made_with
 from jssa_gym.exceptions import ParameterError
@@ -34,8 +34,7 @@ class Submit:
     a filter's name. Beside a --policy, jssa_near+stop by default."""
     policy: str | None = None
     """File, name or MODULE:FACTORY, in the place of jpc; without it the board's own policies act."""
-    tasks: Annotated[tuple[str, ...], TASK] = ()
-    """Without any all of the board."""
+    tasks: Annotated[tuple[str, ...], SOME_TASKS] = ()
     humans: tuple[str, ...] = ()
     """People by name; without any all of the board."""
     episodes: int | None = None

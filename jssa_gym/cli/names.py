@@ -17,12 +17,14 @@ def _says(text: str, names: Iterable[str]) -> object:
 
 
 TASK = _says("Task of the environment by name", TASKS)
+SOME_TASKS = _says("Tasks of the board by name; without any all of them", TASKS)
 FILTER = _says(
     f"Filter by name, with {STOP} behind it inside the viability box and the verified stop; {', '.join(PROFILES)} for "
     f"a whole shield; {TASK_SHIELD} for that of the task's shielded id",
     FILTERS,
 )
 HUMAN = _says("People by name, or a file .npz, .csv or .bvh", PEOPLE)
+OWN_HUMAN = _says("People by name, or a file .npz, .csv or .bvh; without any the task's own", PEOPLE)
 POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", (*POLICIES, *shipped_policies()))
 """Of what is evaluated."""
 

@@ -74,9 +74,9 @@ class ViewCommand:
             seed=self.seed,
         )
         page_class, listen = require_page()
-        writable_folder(self.out)
         with contextlib.closing(listen(self.host, self.port)) as listening:
             session = Session(choices)
+            writable_folder(self.out)
             session.step()  # compiles, before anybody waits for it
             session.snapshot()
             session.reset()

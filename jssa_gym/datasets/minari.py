@@ -104,11 +104,14 @@ def read_digest(folder: Path) -> tuple[str, str]:
         ParameterError: There is no data set of this package, or its file is damaged.
     """
     h5py = _h5py()
-    folder = folder if (folder / METADATA).exists() else folder / "data"
-    with refused(ParameterError, f"{folder / METADATA} is no metadata of a data set of this package"):
-        said = str(json.loads(read_text(folder / METADATA, ParameterError))[_KEY]["sha256"])
+    place = folder if (folder / METADATA).exists() else folder / "data"
+    if not (place / METADATA).exists():
+        message = f"there is no data set in {folder}: name the folder of one, such as datasets/mine/reach-v0"
+        raise ParameterError(message)
+    with refused(ParameterError, f"{place / METADATA} is no metadata of a data set of this package"):
+        said = str(json.loads(read_text(place / METADATA, ParameterError))[_KEY]["sha256"])
     digest = hashlib.sha256()
-    with refused(ParameterError, f"{folder / DATA} holds no data set"), h5py.File(folder / DATA, "r") as archive:
+    with refused(ParameterError, f"{place / DATA} holds no data set"), h5py.File(place / DATA, "r") as archive:
         for k in range(len(archive)):
             group = archive[f"episode_{k}"]
             _digest(digest, int(group.attrs["seed"]), dict(_arrays(group)))

@@ -48,7 +48,8 @@ def test_a_described_one_is_compared_with_its_card(here, tmp_path, monkeypatch):
         (("--task", "swim"), "unknown task 'swim'"),
         (("--shield", "swim"), "unknown filter 'swim'"),
         (("--episodes", "0"), "episodes has to be a positive integer"),
-        (("--check", "nowhere"), "cannot read"),
+        (("--check", "nowhere"), "there is no data set in nowhere: name the folder of one"),
+        (("--check", "nowhere", "--episodes", "3"), "leave the other options but --json out"),
     ],
 )
 def test_wrong_words_are_told_in_one_line(words, message, here, tmp_path, monkeypatch):
@@ -68,7 +69,7 @@ def test_without_h5py_it_says_what_to_install(here, tmp_path, monkeypatch):
 def test_what_was_changed_is_seen(tmp_path, here):
     made = write_dataset(tmp_path, Recipe("home", "hold", human="walk_by", episodes=1, steps=5))
     run = here("dataset", "--check", made.path)
-    assert (run.returncode, run.stdout) == (0, "as it was written\n")
+    assert (run.returncode, run.stdout) == (0, f"as it was written: SHA-256 {made.digest}\n")
     with h5py.File(made.path / "main_data.hdf5", "a") as archive:
         archive["episode_0/infos/people/start"][2, 0, 0] += 1e-3
     run = here("dataset", "--check", made.path.parent)

@@ -1,9 +1,13 @@
 """How commands behave towards those who type them, pipe them, and keep other things in their folders."""
 
+import ast
+import itertools
+
 import pytest
 from commands import one_line
+from places import ROOT
 
-from jssa_gym.cli import COMMANDS, demo, progress
+from jssa_gym.cli import COMMANDS, demo, names, progress
 from jssa_gym.cli.files import own_folder
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
@@ -23,10 +27,17 @@ def test_what_cannot_be_parsed_names_the_commands_own_help(words, here, tmp_path
 
 
 @pytest.mark.parametrize(
-    "words", [("evaluate", "--task", "swim"), ("demo", "--speed", "-1"), ("bench", "--rounds", "0")]
+    ("command", "wrong"),
+    [
+        ("evaluate", ("--task", "swim")),
+        ("demo", ("--speed", "-1")),
+        ("bench", ("--rounds", "0")),
+        ("leaderboard submit", ()),
+        ("leaderboard", ("--board", "a", "--board", "b")),
+    ],
 )
-def test_wrong_values_name_the_commands_own_help(words, here, tmp_path):
-    assert one_line(here(*words, cwd=tmp_path)).endswith(f"; see jssa-gym {words[0]} --help")
+def test_wrong_values_name_the_commands_own_help(command, wrong, here, tmp_path):
+    assert one_line(here(*command.split(), *wrong, cwd=tmp_path)).endswith(f"; see jssa-gym {command} --help")
 
 
 def test_errors_that_no_help_helps_with_name_none(here, tmp_path):
@@ -38,6 +49,36 @@ def test_help_says_how_long_it_takes(command, here):
     run = here(command, "--help")
     assert run.returncode == 0
     assert any(word in " ".join(run.stdout.split()) for word in ("takes about", "take about", "takes some"))
+
+
+def helped_twice(source):
+    """Options whose words of their own ``tyro`` leaves out, since their annotation brings some along."""
+    for command in ast.walk(ast.parse(source)):
+        if isinstance(command, ast.ClassDef):
+            for option, after in itertools.pairwise(command.body):
+                if isinstance(option, ast.AnnAssign) and isinstance(after, ast.Expr):
+                    brought = ast.unparse(option.annotation).replace("tyro.conf.Positional", "")
+                    if "Annotated" in brought and ("help=" in brought or any(name in brought for name in NAMES)):
+                        yield f"{command.name}.{ast.unparse(option.target)}"
+
+
+NAMES = [name for name in vars(names) if name.isupper()]
+
+
+def test_no_words_about_an_option_are_lost():
+    lost = (
+        'class Fly:\n    human: Annotated[str, HUMAN]\n    "Who."\n    to: Annotated[str, arg(name="")]\n    "Where."'
+    )
+    assert list(helped_twice(lost)) == ["Fly.human"]
+    files = sorted((ROOT / "jssa_gym" / "cli").glob("*.py"))
+    assert [found for file in files for found in helped_twice(file.read_text(encoding="utf-8"))] == []
+
+
+def test_what_is_left_out_is_told(here):
+    run = here("dataset", "--help")
+    assert "without any the task's own" in " ".join(run.stdout.replace("│", " ").split())
+    run = here("leaderboard", "submit", "--help")
+    assert "without any all of them" in " ".join(run.stdout.replace("│", " ").split())
 
 
 # ---- progress ----------------------------------------------------------------------------------------

@@ -44,6 +44,7 @@ def test_help_says_what_every_option_is_for(here):
 )
 def test_what_cannot_be_is_said_in_one_line(here, tmp_path, arguments, said):
     assert said in one_line(here("view", *arguments, "--out", tmp_path / "out"))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_port_that_is_taken_is_said(here, tmp_path):
