@@ -118,7 +118,7 @@ def part(function: FunctionType) -> Any:
 
 
 def inlined(function: FunctionType) -> Any:
-    """The same for a few operations without branches: put into its callers' machine code, so that loops can use lanes."""
+    """The same for a few operations without branches: put into its callers' machine code, where loops can use lanes."""
     return _compiled(function, {**_FLAGS, "_nrt": False, "forceinline": True})
 
 

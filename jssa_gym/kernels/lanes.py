@@ -1,8 +1,8 @@
 """Eight joints at once, in the lanes of a processor's vector registers.
 
-A loop over :data:`LANES` numbers becomes one stream of vector instructions if nothing in it branches: what a branch would
-leave out is computed and thrown away. Every lane does the very operations that its joint would do alone, so that results
-are the same bits. What is rare (a joint whose stop has to be searched for) is left to the code for single joints.
+A loop over :data:`LANES` numbers becomes one stream of vector instructions if nothing in it branches: what a branch
+would leave out is computed and thrown away. Every lane does the very operations that its joint would do alone, so that
+results are the same bits. What is rare, a joint whose stop has to be searched for, is left to the code for single ones.
 """
 
 import numpy as np
@@ -50,14 +50,14 @@ def keeps(q, v, a, u, t, low, high, V, A, J):
     root = a + np.copysign(np.sqrt(max(a * a - 2.0 * u * v, 0.0)), a)
     late, early = -2.0 * v / root, -root / u
     late_q, early_q = advance(q, v, a, u, late)[0], advance(q, v, a, u, early)[0]
-    late_out = (0.0 < late) & (late < t) & ~((low <= late_q) & (late_q <= high))
-    early_out = (u != 0.0) & (0.0 < early) & (early < t) & ~((low <= early_q) & (early_q <= high))
+    late_out = (late > 0.0) & (late < t) & ~((low <= late_q) & (late_q <= high))
+    early_out = (u != 0.0) & (early > 0.0) & (early < t) & ~((low <= early_q) & (early_q <= high))
     return kept & ~(turns & (late_out | early_out))
 
 
 @inlined
 def stop_keeps(q, v, a, ramp, hold, release, jerk_in, jerk_out, low, high, V, A, J, tau):
-    """Whether one joint keeps its limits through a stop and rests after it; ``stopping.parts_keep`` without branches."""
+    """Whether one joint keeps its limits through a stop, then rests; ``stopping.parts_keep`` without branches."""
     kept = keeps(q, v, a, jerk_in, ramp * tau, low, high, V, A, J)
     q, v, a = advance(q, v, a, jerk_in, ramp * tau)
     kept &= keeps(q, v, a, 0.0, hold * tau, low, high, V, A, J)

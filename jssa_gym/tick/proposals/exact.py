@@ -15,7 +15,7 @@ TOLERANCE = 1e-6
 """Index [m²] up to which a row counts as kept once the arm's true motion is computed."""
 
 CLOSE = -1e-6
-"""Index [m²] below which no row is violated at the jerk where it is linearised, as it asks for 0 or more; and rounding."""
+"""Index [m²] below which no row is violated where it is linearised: all ask for 0 or more. Rounding is far less."""
 
 ALL = -np.inf
 """Below the index of every pair."""
@@ -162,7 +162,7 @@ def exact(robot, settings, proposal, memory, nominal, work, told, e):
 
 @jit
 def _linearise(robot, settings, proposal, above, work, told):
-    """Make rows at ``work.wanted`` of the pairs above a level; ``PROJECT`` unless they are kept, or there were enough."""
+    """Make rows of pairs above a level at ``work.wanted``; ``PROJECT`` unless they are kept, or there were enough."""
     only = told["row"] * work.pairs.shape[1] + told["column"] if proposal.closest else -1
     count, left, recovering = rows_at(robot, settings, proposal, work.wanted, only, above, work)
     if left <= (TOLERANCE if told["attempt"] > 0 else 0.0) or told["attempt"] == LINEARISATIONS:
