@@ -78,7 +78,7 @@ def main() -> None:
         L, S, owner = np.zeros((40, n)), np.zeros(40), np.zeros(40, np.int64)
         now, target = records(pairs.shape, PAIR), np.zeros(40)
         now["phi"] = pairs["phi"] + 0.1
-        ahead = (frames, segments, agents, planes, pairs, jerk, -bound, bound, TAU, index, -1)
+        ahead = (frames, segments, agents, planes, pairs, jerk, -bound, bound, TAU, index, -1, -np.inf)
         count = exact_rows(*ahead, bound, 1e-3, 0.5, now, L, S, owner, target)
         keep("recovering", S[:count])
         keep("target", target[:count])

@@ -13,6 +13,7 @@ from jssa_gym.kernels.capsules import capsule_pair
 from jssa_gym.kernels.chain import place_axes, pose
 from jssa_gym.kernels.index import direction
 from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.stopping import stop_length
 from jssa_gym.kernels.vector import add, along, cross, dot, fill_rows, scale, subtract
 from jssa_gym.kernels.verification import posture_at
 
@@ -92,15 +93,19 @@ def predicted_rows(robot, motion, agents, foresight, work):
     people, levers, U, row = agents.shape[0], robot.levers, robot.limits[4], work.jerk
     segments, posture, fastest, off, L, S = work.segments, work.posture, work.fastest, work.people_off, work.L, work.S
     wide = foresight.d_min + foresight.growth * foresight.horizon
+    # once the stop is over, the arm stays where it is
+    stopped, rests = stop_length(motion.plan) * motion.dt, False
     least, nearest, nearest_row, nearest_column = np.inf, np.inf, -1, -1
     fill_rows(off, -np.inf)
     for p in range(segments.shape[0] * people):
         work.target[p] = -np.inf
     for moment in range(int(np.round(foresight.horizon / foresight.step)) + 1):
         t = moment * foresight.step
-        posture_at(motion, t, posture, fastest)
-        pose(robot.links, posture, work.frames)
-        place_axes(work.frames, robot.capsules, segments)
+        if not rests:
+            posture_at(motion, t, posture, fastest)
+            pose(robot.links, posture, work.frames)
+            place_axes(work.frames, robot.capsules, segments)
+            rests = t - motion.dt >= stopped
         for i in range(segments.shape[0]):
             part, rate = segments[i], 0.0
             for j in range(part["link"] + 1):

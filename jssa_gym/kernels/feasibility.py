@@ -158,6 +158,7 @@ def probe(
                     dt,
                     index,
                     0,
+                    -np.inf,
                     bounds[4],
                     -1.0,
                     0.0,

@@ -232,30 +232,53 @@ def assess(links, capsules, state, jerk, agents, planes, tau, index, after, fram
     forward(links, after, frames)
     place(frames, capsules, segments)
     worst, row, column = -np.inf, -1, -1
-    count = agents.shape[0]
     for i in range(segments.shape[0]):
-        robot = segments[i]
-        for j in range(count + planes.shape[0]):
+        for j in range(agents.shape[0] + planes.shape[0]):
             pair = pairs[i, j]
-            if j < count:
-                agent = agents[j]
-                radii = robot["radius"] + agent["radius"]
-                distance, s, r = capsule_pair(robot["start"], robot["end"], agent["start"], agent["end"], radii)
-                moving = approach(robot, agent, s, r, distance, index)
-                phi = index_value(distance, moving.rate, moving.curvature, index)
-            elif stands(robot, planes[j - count]):
-                distance, s, r, phi = np.inf, 0.0, 0.0, -np.inf
-            else:
-                plane = planes[j - count]
-                distance, s = plane_pair(robot["start"], robot["end"], robot["radius"], plane)
-                r = 0.0
-                phi, _, _, _ = evaluate_plane(robot, plane, s, distance, index)
-            pair["distance"], pair["s"], pair["r"], pair["phi"] = distance, s, r, phi
+            pair["distance"], pair["s"], pair["r"], phi = _pair_index(segments[i], agents, planes, j, index)
+            pair["phi"] = phi
             if not (phi <= worst):
                 worst, row, column = phi, i, j
                 if np.isnan(phi):
                     return worst, row, column
     return worst, row, column
+
+
+@jit
+def _pair_index(robot, agents, planes, j, index):
+    """Distance [m], fractions of the closest points and index [m²] of a capsule and the j-th of agents, then planes."""
+    count = agents.shape[0]
+    if j < count:
+        agent = agents[j]
+        radii = robot["radius"] + agent["radius"]
+        distance, s, r = capsule_pair(robot["start"], robot["end"], agent["start"], agent["end"], radii)
+        moving = approach(robot, agent, s, r, distance, index)
+        return distance, s, r, index_value(distance, moving.rate, moving.curvature, index)
+    plane = planes[j - count]
+    if stands(robot, plane):
+        return np.inf, 0.0, 0.0, -np.inf
+    distance, s = plane_pair(robot["start"], robot["end"], robot["radius"], plane)
+    phi, _, _, _ = evaluate_plane(robot, plane, s, distance, index)
+    return distance, s, 0.0, phi
+
+
+@jit
+def reassess(links, capsules, state, agents, planes, index, above, ahead, frames, segments, now):
+    """Index at a joint state (3, n) of the pairs that one step ahead is above a level.
+
+    Args:
+        links, capsules, state, agents, planes, index: As of :func:`assess`.
+        above: The level [m²].
+        ahead: From :func:`assess`.
+        frames, segments: Results, the robot at that state.
+        now: Result, shape (m, k + p) of ``PAIR``: ``phi`` of these pairs.
+    """
+    forward(links, state, frames)
+    place(frames, capsules, segments)
+    for i in range(segments.shape[0]):
+        for j in range(agents.shape[0] + planes.shape[0]):
+            if not ahead[i, j]["phi"] <= above:
+                _, _, _, now[i, j]["phi"] = _pair_index(segments[i], agents, planes, j, index)
 
 
 @jit
@@ -313,6 +336,7 @@ def exact_rows(
     tau,
     index,
     only,
+    above,
     bound,
     authority,
     recovery,
@@ -339,6 +363,7 @@ def exact_rows(
         tau: Step [s].
         index: Parameters.
         only: Row-major number ``i * columns + j`` of the only pair to look at, or -1 for all.
+        above: Only pairs whose index is above this are looked at [m²].
         bound: Jerk limits :math:`U`, shape (n,) [rad/s³].
         authority: Smallest authority [m²].
         recovery: :math:`\varrho`, from 0 to 1.
@@ -361,6 +386,8 @@ def exact_rows(
             if j >= count and stands(robot, planes[j - count]):
                 continue
             pair = pairs[i, j]
+            if pair["phi"] <= above:
+                continue
             if j < count:
                 phi, _, _, gradient = evaluate(robot, agents[j], pair["s"], pair["r"], pair["distance"], index)
             else:

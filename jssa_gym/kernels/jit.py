@@ -117,6 +117,11 @@ def part(function: FunctionType) -> Any:
     return _compiled(function, {**_FLAGS, "_nrt": False, "inline": "always"})
 
 
+def inlined(function: FunctionType) -> Any:
+    """The same for a few operations without branches: put into its callers' machine code, where loops can use lanes."""
+    return _compiled(function, {**_FLAGS, "_nrt": False, "forceinline": True})
+
+
 def jit_released(function: FunctionType) -> Any:
     """The same for a loop of seconds: other threads of Python run meanwhile, which costs a short kernel too much."""
     return _compiled(function, {**_FLAGS, "nogil": True})

@@ -12,12 +12,15 @@ from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.region import room_inside
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.vector import copy, fill
-from jssa_gym.kernels.verification import posture_at
+from jssa_gym.kernels.verification import SHORTEST, posture_at
 
 _MOMENTS = 6
 
 _ROUNDING = 1e-9
 """By how much a gap has to be wider than the smallest one to be more than rounding [m]."""
+
+_CLEARLY = 1e-6
+"""What has to be left of a margin for more than rounding [m]."""
 
 
 @jit
@@ -76,6 +79,21 @@ def margin(robot, motion, ticks, around, work):
             lowest = min(lowest, room[i])
         copy(posture, later)
     return least
+
+
+@jit
+def clears_people(robot, motion, ticks, room, work):
+    """Whether a margin of ``room`` [m] says that people are kept off, between the moments that it looks at too.
+
+    A gap shrinks from one moment to the next by no more than the fastest capsule moves; what people grow meanwhile, and
+    in a control step besides, is in the margin. So they need not be looked at again by
+    :func:`~jssa_gym.kernels.verification.keeps_clear`, whose other arguments these are; NaN says nothing.
+    """
+    if not room > 0.0 or motion.dt < SHORTEST:
+        return False
+    posture_at(motion, 0.0, work.posture, work.fastest)
+    between = motion.dt * (1 + ticks) / _MOMENTS
+    return room > (between + SHORTEST) * _quickest(robot, work.fastest) + _CLEARLY
 
 
 @part

@@ -7,7 +7,8 @@ Because it lies on the grid, a stop cut off at any tick is still a stop: what re
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import inlined, jit
+from jssa_gym.kernels.lanes import LANES, lanes
 from jssa_gym.kernels.motion import advance, representable
 from jssa_gym.kernels.rest import REST_PLANNED
 
@@ -17,7 +18,7 @@ LONGEST = 1e9
 """No stop takes more ticks than this (92 days): an integer always holds their number."""
 
 
-@jit
+@inlined
 def _hold(x, a, ramp, release, step, A):
     """Fewest ticks to hold between a given ramp and release, negative if no number of them keeps the limits.
 
@@ -59,33 +60,75 @@ def stop_joint(v, a, J, A, tau):
     """
     if v == 0.0 and a == 0.0:
         return 0, 0, 0, 0.0, 0.0
+    ramp, hold, release, jerk_in, jerk_out, fits = rounded_stop(v, a, J, A, tau)
+    if not fits:
+        ramp, hold, release, jerk_in, jerk_out = _searched_stop(v, a, J, A, tau)
+    return int(ramp), int(hold), int(release), jerk_in, jerk_out
+
+
+@inlined
+def rounded_stop(v, a, J, A, tau):
+    """The shortest stop with its parts rounded up; as of :func:`stop_joint`, but in numbers that are not integers.
+
+    Returns:
+        Ticks, jerks, and whether that is the stop: nearly always, unless there is none, or nothing to stop.
+    """
+    sign, x, a, rise, cruise, fall = _shortest(v, a, J, A, tau)
     step = J * tau
-    if not (step > 0.0 and A > 0.0 and tau > 0.0 and np.isfinite(v) and np.isfinite(a) and np.isfinite(step)):
-        return 0, 0, 0, np.nan, np.nan
+    # rounding must not cost a tick where the parts are whole numbers of them; whether it does harm, _hold sees
+    ramp, release = max(np.ceil(rise - 1e-6), 1.0), max(np.ceil(fall - 1e-6), 1.0)
+    hold = _hold(x, a, ramp, release, step, A)
+    ticks = ramp + hold + release
+    fits = (hold >= 0.0) & (ticks <= rise + cruise + fall + 2.0) & (ticks <= LONGEST)
+    fits &= (step > 0.0) & (step < np.inf) & (A > 0.0) & (tau > 0.0) & ((v != 0.0) | (a != 0.0))
+    jerk_in, jerk_out = _jerks(sign, x, a, ramp, hold, release, tau)
+    return ramp, hold, release, jerk_in, jerk_out, fits
+
+
+@inlined
+def _shortest(v, a, J, A, tau):
+    """The shortest stop in continuous time: its direction, speed per tick, acceleration, and its parts in ticks."""
+    step = J * tau
     sign = -1.0 if v + a * abs(a) / (2.0 * J) < 0.0 else 1.0
     x, a = sign * v / tau, sign * a
     peak = min(np.sqrt(max(step * x + a * a / 2.0, 0.0)), A)
     rise, fall = abs(a + peak) / step, peak / step
     cruise = max((x + (a - peak) / 2.0 * rise) / peak - fall / 2.0, 0.0) if peak > 0.0 else 0.0
-    # rounding must not cost a tick where the parts are whole numbers of them; whether it does harm, _hold sees
+    return sign, x, a, rise, cruise, fall
+
+
+@inlined
+def _jerks(sign, x, a, ramp, hold, release, tau):
+    """Jerks of ramp and release."""
+    alpha = (x + a * ramp / 2.0) / (ramp / 2.0 + hold + release / 2.0)
+    return -sign * (alpha + a) / (ramp * tau), sign * alpha / (release * tau)
+
+
+@jit
+def _searched_stop(v, a, J, A, tau):
+    """The stop where the shortest one, rounded up, does not fit, or only with many ticks to hold; or none.
+
+    Of the neighbours of its parts, and of one slow ramp instead of ramp and release, the shortest: a ramp of
+    :math:`|a| / step + 1` ticks always will do.
+    """
+    step = J * tau
+    if not (step > 0.0 and A > 0.0 and tau > 0.0 and np.isfinite(v) and np.isfinite(a) and np.isfinite(step)):
+        return 0.0, 0.0, 0.0, np.nan, np.nan
+    sign, x, a, rise, cruise, fall = _shortest(v, a, J, A, tau)
     first, last = max(np.ceil(rise - 1e-6), 1.0), max(np.ceil(fall - 1e-6), 1.0)
     ramp, release = first, last
     hold = _hold(x, a, ramp, release, step, A)
     best = ramp + hold + release if hold >= 0.0 else np.inf
-    if not (best <= rise + cruise + fall + 2.0):
-        # Rounded up like this the parts do not fit, or only with many ticks to hold. Of their neighbours, and of one
-        # slow ramp instead of ramp and release, the shortest: a ramp of |a| / step + 1 ticks always will do.
-        for more in range(1, 5):
-            for start, end in ((first + more, last), (first, last + more), (first + last - 2.0 + more, 1.0)):
-                middle = _hold(x, a, start, end, step, A)
-                if middle >= 0.0 and start + middle + end < best:
-                    ramp, hold, release = start, middle, end
-                    best = start + middle + end
+    for more in range(1, 5 if not best <= rise + cruise + fall + 2.0 else 1):
+        for start, end in ((first + more, last), (first, last + more), (first + last - 2.0 + more, 1.0)):
+            middle = _hold(x, a, start, end, step, A)
+            if middle >= 0.0 and start + middle + end < best:
+                ramp, hold, release = start, middle, end
+                best = start + middle + end
     if not (hold >= 0.0 and ramp + hold + release <= LONGEST):
-        return 0, 0, 0, np.nan, np.nan
-    alpha = (x + a * ramp / 2.0) / (ramp / 2.0 + hold + release / 2.0)
-    jerk_in, jerk_out = -sign * (alpha + a) / (ramp * tau), sign * alpha / (release * tau)
-    return int(ramp), int(hold), int(release), jerk_in, jerk_out
+        return 0.0, 0.0, 0.0, np.nan, np.nan
+    jerk_in, jerk_out = _jerks(sign, x, a, ramp, hold, release, tau)
+    return ramp, hold, release, jerk_in, jerk_out
 
 
 @jit
@@ -110,11 +153,25 @@ def plan_stop(state, bounds, tau, plan):
     Returns:
         Number of ticks until the last joint rests.
     """
-    for i in range(plan.shape[0]):
-        ramp, hold, release, jerk_in, jerk_out = stop_joint(state[1, i], state[2, i], bounds[4, i], bounds[3, i], tau)
-        stop = plan[i]
-        stop["ramp"], stop["hold"], stop["release"] = ramp, hold, release
-        stop["jerk_in"], stop["jerk_out"] = jerk_in, jerk_out
+    v, a, J, A = lanes(), lanes(), lanes(), lanes()
+    ramp, hold, release, jerk_in, jerk_out, fits = lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
+    count = plan.shape[0]
+    for first in range(0, count, LANES):
+        for i in range(LANES):
+            joint = min(first + i, count - 1)
+            v[i], a[i], A[i], J[i] = state[1, joint], state[2, joint], bounds[3, joint], bounds[4, joint]
+        for i in range(LANES):
+            ramp[i], hold[i], release[i], jerk_in[i], jerk_out[i], fit = rounded_stop(v[i], a[i], J[i], A[i], tau)
+            fits[i] = 1.0 if fit else 0.0
+        for i in range(min(LANES, count - first)):
+            stop = plan[first + i]
+            if fits[i] == 1.0:
+                stop["ramp"], stop["hold"], stop["release"] = int(ramp[i]), int(hold[i]), int(release[i])
+                stop["jerk_in"], stop["jerk_out"] = jerk_in[i], jerk_out[i]
+            else:
+                stop["ramp"], stop["hold"], stop["release"], stop["jerk_in"], stop["jerk_out"] = stop_joint(
+                    v[i], a[i], J[i], A[i], tau
+                )
     return stop_length(plan)
 
 

@@ -14,17 +14,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.kernels import lanes as together
 from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, plane_pair, put_balls, stands
 from jssa_gym.kernels.chain import place_axes, pose
 from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.lanes import LANES, lanes
 from jssa_gym.kernels.occupancy import apart_for
 from jssa_gym.kernels.records import FACE, records
 from jssa_gym.kernels.region import room_inside
 from jssa_gym.kernels.rest import REST_SPEED
-from jssa_gym.kernels.stopping import peak_from, peak_speed, step_keeps, stop_at, stop_keeps
+from jssa_gym.kernels.stopping import peak_from, peak_speed, stop_at
 from jssa_gym.kernels.vector import fill, fill_rows
 
-_SHORTEST = 5e-4
+SHORTEST = 5e-4
 """Advancement under which a gap counts as closed [s]."""
 
 _ROUNDING = 1e-9
@@ -120,12 +122,30 @@ def load_people(start, end, radius, speed, age, lag, error, agents, reach):
 @jit
 def keeps_limits(state, jerk, after, plan, bounds, dt):
     """Whether one step at ``jerk`` and the stop after it stay inside all joint limits, at every instant."""
-    for j in range(jerk.shape[0]):
-        low, high, V, A, J = bounds[0, j], bounds[1, j], bounds[2, j], bounds[3, j], bounds[4, j]
-        if not step_keeps(state[0, j], state[1, j], state[2, j], jerk[j], low, high, V, A, J, dt, _TOLERANCE):
-            return False
-        if not stop_keeps(after[0, j], after[1, j], after[2, j], plan[j], low, high, V, A, J, dt, _TOLERANCE):
-            return False
+    q, v, a, u, low, high, V = lanes(), lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
+    A, J, later_q, later_v, later_a = lanes(), lanes(), lanes(), lanes(), lanes()
+    ramp, hold, release, jerk_in, jerk_out, kept = lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
+    count, more = jerk.shape[0], 1.0 + _TOLERANCE
+    for first in range(0, count, LANES):
+        for i in range(LANES):
+            joint = min(first + i, count - 1)
+            stop, slack = plan[joint], _TOLERANCE * (bounds[1, joint] - bounds[0, joint])
+            q[i], v[i], a[i], u[i] = state[0, joint], state[1, joint], state[2, joint], jerk[joint]
+            low[i], high[i] = bounds[0, joint] - slack, bounds[1, joint] + slack
+            V[i], A[i], J[i] = bounds[2, joint] * more, bounds[3, joint] * more, bounds[4, joint] * more
+            later_q[i], later_v[i], later_a[i] = after[0, joint], after[1, joint], after[2, joint]
+            ramp[i], hold[i], release[i] = stop["ramp"], stop["hold"], stop["release"]
+            jerk_in[i], jerk_out[i] = stop["jerk_in"], stop["jerk_out"]
+        for i in range(LANES):
+            keeps = together.keeps(q[i], v[i], a[i], u[i], dt, low[i], high[i], V[i], A[i], J[i])
+            keeps &= together.stop_keeps(
+                later_q[i], later_v[i], later_a[i], ramp[i], hold[i], release[i], jerk_in[i], jerk_out[i],
+                low[i], high[i], V[i], A[i], J[i], dt,
+            )  # fmt: skip
+            kept[i] = 1.0 if keeps else 0.0
+        for i in range(LANES):
+            if kept[i] == 0.0:
+                return False
     return True
 
 
@@ -194,9 +214,18 @@ class Around(NamedTuple):
 
 
 @jit
+def beside_people(around):
+    """The same without anybody, who is or could come: what stands still, and the arm itself."""
+    return Around(
+        around.agents[:0], around.reach, around.growth, around.touch, around.confined, around.statics, around.planes,
+        around.margin, around.faces, around.pieces[:1], around.entry_reach, around.entry_speed,
+    )  # fmt: skip
+
+
+@jit
 def _off(until, t, lasting):
     """Whether a pair that is apart until some time cannot be what is met next, and need not be looked at [s]."""
-    return until - t - _ROUNDING > max(lasting, _SHORTEST)
+    return until - t - _ROUNDING > max(lasting, SHORTEST)
 
 
 @jit
@@ -218,7 +247,8 @@ def keeps_clear(robot, motion, ticks, around, work):
             ``people_off`` (m, k), ``planes_off`` (m, p), ``statics_off`` (m, c) and ``self_off`` (s,).
 
     Returns:
-        ``SAFE``, or what is in the way: its code, the robot's capsule, the other's number, the time of contact [s].
+        ``SAFE``, or what is in the way: its code, the robot's capsule, the other's number, the time of contact [s]; of
+        ``SAFE`` that of rest.
     """
     dt, levers, agents, margin = motion.dt, robot.levers, around.agents, around.margin
     reach, speed, touch, statics, planes = around.reach, around.growth, around.touch, around.statics, around.planes
@@ -250,20 +280,20 @@ def keeps_clear(robot, motion, ticks, around, work):
                 agent = agents[k]
                 radii = part["radius"] + agent["radius"]
                 # at a glance: even from the nearest that their ends could be, for longer than what comes first
-                far = radii + reach[k] + speed[k] * t + (rate + speed[k]) * (max(lasting, _SHORTEST) + _ROUNDING)
+                far = radii + reach[k] + speed[k] * t + (rate + speed[k]) * (max(lasting, SHORTEST) + _ROUNDING)
                 if apart(ball, balls[k], far):
                     continue
                 gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
                 lasts = (gap - reach[k] - speed[k] * t) / (rate + speed[k])
-                if not (lasts > _SHORTEST):
+                if not (lasts > SHORTEST):
                     lasts = apart_for(part, radii, around.confined[k], reach[k], speed[k], rate, t)
-                if not (lasts > _SHORTEST):
+                if not (lasts > SHORTEST):
                     return REACH, i, k, t
                 lasting, people_off[i, k] = min(lasting, lasts), t + lasts
             if pieces.shape[0] > 1 and spin > REST_SPEED:
                 room = room_inside(part["start"], part["end"], part["radius"], around.faces, pieces)
                 lasts = (room - around.entry_reach - entry_speed * t) / (rate + entry_speed)
-                if not (lasts > _SHORTEST):
+                if not (lasts > SHORTEST):
                     return ENTRY, i, -1, t
                 lasting = min(lasting, lasts)
             if rate <= 0.0:
@@ -273,7 +303,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                     continue
                 gap, _ = plane_pair(part["start"], part["end"], part["radius"], planes[k])
                 lasts = np.inf if _rests(gap - margin, rate, t) else (gap - margin) / rate
-                if not (lasts > _SHORTEST):
+                if not (lasts > SHORTEST):
                     return HALF_SPACE, i, k, t
                 lasting, planes_off[i, k] = min(lasting, lasts), t + lasts
             for k in range(statics.shape[0]):
@@ -283,7 +313,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                 radii = part["radius"] + static["radius"]
                 gap, _, _ = capsule_pair(part["start"], part["end"], static["start"], static["end"], radii)
                 lasts = np.inf if _rests(gap - margin, rate, t) else (gap - margin) / rate
-                if not (lasts > _SHORTEST):
+                if not (lasts > SHORTEST):
                     return STATIC, i, k, t
                 lasting, statics_off[i, k] = min(lasting, lasts), t + lasts
         for k in range(self_pairs.shape[0]):
@@ -301,10 +331,10 @@ def keeps_clear(robot, motion, ticks, around, work):
                 continue
             gap, _, _ = capsule_pair(one["start"], one["end"], two["start"], two["end"], one["radius"] + two["radius"])
             lasts = np.inf if _rests(gap - 2.0 * margin, rate, t) else (gap - 2.0 * margin) / rate
-            if not (lasts > _SHORTEST):
+            if not (lasts > SHORTEST):
                 return SELF, outer, inner, t
             lasting, self_off[k] = min(lasting, lasts), t + lasts
         t += lasting
         if t >= end:
-            return SAFE, -1, -1, t
+            return SAFE, -1, -1, end
     return UNDECIDED, -1, -1, t

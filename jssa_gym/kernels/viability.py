@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels import lanes as together
+from jssa_gym.kernels.jit import inlined, jit
+from jssa_gym.kernels.lanes import LANES, lanes
 from jssa_gym.kernels.motion import advance
-from jssa_gym.kernels.stopping import parts_keep, step_keeps, stop_joint
+from jssa_gym.kernels.stopping import parts_keep, rounded_stop, step_keeps, stop_joint
 
 TOLERANCE = 1e-10
 """Share of a limit that rounding may cost; a state that came to lie on a limit is not outside it."""
@@ -54,23 +56,64 @@ def jerk_box(state, bounds, tau, lower, upper):
     Returns:
         Whether every joint has an interval.
     """
-    complete = True
-    for i in range(lower.shape[0]):
-        q, v, a = state[0, i], state[1, i], state[2, i]
-        limits = (bounds[0, i], bounds[1, i], bounds[2, i], bounds[3, i], bounds[4, i])
-        A, J = bounds[3, i], bounds[4, i]
-        least, most = max(-J, (-A - a) / tau), min(J, (A - a) / tau)  # the acceleration limit is known exactly
-        least_keeps, most_keeps = recoverable(q, v, a, least, limits, tau), recoverable(q, v, a, most, limits, tau)
-        if not (least_keeps and most_keeps):
-            brake = stop_joint(v, a, J, A, tau)[3]
-            good = min(max(brake, least), most)  # rounding may have put it outside
-            if not recoverable(q, v, a, good, limits, tau):
-                if not (least_keeps or most_keeps):
-                    lower[i] = upper[i] = min(max(brake, -J), J) if np.isfinite(brake) else 0.0
-                    complete = False
-                    continue
-                good = least if least_keeps else most
-            least = least if least_keeps else _edge(q, v, a, good, least, limits, tau)
-            most = most if most_keeps else _edge(q, v, a, good, most, limits, tau)
-        lower[i], upper[i] = least, most
+    q, v, a, low, high = lanes(), lanes(), lanes(), lanes(), lanes()
+    V, A, J, least, most, sure = lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
+    complete, count = True, lower.shape[0]
+    for first in range(0, count, LANES):
+        for i in range(LANES):
+            joint = min(first + i, count - 1)
+            q[i], v[i], a[i] = state[0, joint], state[1, joint], state[2, joint]
+            low[i], high[i] = bounds[0, joint], bounds[1, joint]
+            V[i], A[i], J[i] = bounds[2, joint], bounds[3, joint], bounds[4, joint]
+        for i in range(LANES):
+            least[i], most[i] = _range_of_jerks(a[i], A[i], J[i], tau)
+            keeps = _surely_recoverable(q[i], v[i], a[i], least[i], low[i], high[i], V[i], A[i], J[i], tau)
+            keeps &= _surely_recoverable(q[i], v[i], a[i], most[i], low[i], high[i], V[i], A[i], J[i], tau)
+            sure[i] = 1.0 if keeps else 0.0
+        for i in range(min(LANES, count - first)):
+            joint, found = first + i, True
+            lower[joint], upper[joint] = least[i], most[i]
+            if sure[i] == 0.0:
+                limits = (low[i], high[i], V[i], A[i], J[i])
+                lower[joint], upper[joint], found = _interval(q[i], v[i], a[i], limits, tau)
+            complete = complete and found
     return complete
+
+
+@inlined
+def _range_of_jerks(a, A, J, tau):
+    """The least and the largest jerk that jerk and acceleration limit leave a joint: these limits are known exactly."""
+    return max(-J, (-A - a) / tau), min(J, (A - a) / tau)
+
+
+@inlined
+def _surely_recoverable(q, v, a, u, low, high, V, A, J, tau):
+    """:func:`recoverable` without branches; False also where the stop would have to be searched for."""
+    slack, more = TOLERANCE * (high - low), 1.0 + TOLERANCE
+    low, high, most_v, most_a, most_u = low - slack, high + slack, V * more, A * more, J * more
+    kept = together.keeps(q, v, a, u, tau, low, high, most_v, most_a, most_u)
+    q, v, a = advance(q, v, a, u, tau)
+    ramp, hold, release, jerk_in, jerk_out, fits = rounded_stop(v, a, J, A, tau)
+    return fits & kept & together.stop_keeps(
+        q, v, a, ramp, hold, release, jerk_in, jerk_out, low, high, most_v, most_a, most_u, tau
+    )  # fmt: skip
+
+
+@jit
+def _interval(q, v, a, limits, tau):
+    """The jerk interval of one joint; the braking jerk twice, and False, if it has none."""
+    _, _, _, A, J = limits
+    least, most = _range_of_jerks(a, A, J, tau)
+    least_keeps, most_keeps = recoverable(q, v, a, least, limits, tau), recoverable(q, v, a, most, limits, tau)
+    if least_keeps and most_keeps:
+        return least, most, True
+    brake = stop_joint(v, a, J, A, tau)[3]
+    good = min(max(brake, least), most)  # rounding may have put it outside
+    if not recoverable(q, v, a, good, limits, tau):
+        if not (least_keeps or most_keeps):
+            brake = min(max(brake, -J), J) if np.isfinite(brake) else 0.0
+            return brake, brake, False
+        good = least if least_keeps else most
+    least = least if least_keeps else _edge(q, v, a, good, least, limits, tau)
+    most = most if most_keeps else _edge(q, v, a, good, most, limits, tau)
+    return least, most, True

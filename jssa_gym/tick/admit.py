@@ -8,7 +8,7 @@ rest of the last one.
 import numpy as np
 
 from jssa_gym.kernels.jit import jit, part
-from jssa_gym.kernels.margin import margin
+from jssa_gym.kernels.margin import clears_people, margin
 from jssa_gym.kernels.motion import integrate, make_representable, representable
 from jssa_gym.kernels.occupancy import confine_people
 from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk
@@ -18,6 +18,7 @@ from jssa_gym.kernels.verification import (
     SAFE,
     Around,
     StepAndStop,
+    beside_people,
     keeps_clear,
     keeps_limits,
     load_fixtures,
@@ -101,7 +102,15 @@ def _entered(settings, memory, e):
 
 @jit
 def keeps_safe(robot, settings, memory, jerk, hardness, work, e):
+    """:func:`verify`, where nothing is known of the room that the stop leaves to people."""
+    return verify(robot, settings, memory, jerk, hardness, np.nan, work, e)
+
+
+@jit
+def verify(robot, settings, memory, jerk, hardness, room, work, e):
     """Whether the stop of a hardness after one step at ``jerk`` (n,) is verified, into ``work.next``.
+
+    ``room`` is its margin to people [m], NaN if that is not known: where it is wide they are not looked at again.
 
     Returns:
         ``SAFE``, or what is in the way: its code, the robot's capsule, the other's number, the time of contact [s].
@@ -112,7 +121,10 @@ def keeps_safe(robot, settings, memory, jerk, hardness, work, e):
     if not keeps_limits(state, jerk, work.after, work.next, settings.stop_limits, settings.dt):
         return LIMITS, -1, -1, 0.0
     motion = StepAndStop(state, jerk, work.after, work.next, settings.dt)
-    return keeps_clear(robot, motion, ticks, _seen_by_stop(settings, memory, work, e), work)
+    around = _seen_by_stop(settings, memory, work, e)
+    if clears_people(robot, motion, ticks, room, work):
+        around = beside_people(around)
+    return keeps_clear(robot, motion, ticks, around, work)
 
 
 @jit
@@ -187,7 +199,9 @@ def choose(robot, settings, memory, wanted, jerk, room, work, e):
         room = room_behind(robot, settings, memory, wanted, work, e)
         share = share_of(room)
     copy(wanted, jerk)
-    why, row, column, moment = keeps_safe(robot, settings, memory, jerk, FIRST, work, e)
+    # with one hardness the stop behind the nominal is the one that the margin is of
+    known = room if count == 1 and not _differ(wanted, work.clipped) else np.nan
+    why, row, column, moment = verify(robot, settings, memory, jerk, FIRST, known, work, e)
     if why == SAFE and share == 1.0:
         return WANTED, why, row, column, moment
     if count > 1 and why != SAFE:

@@ -261,7 +261,9 @@ class Work(NamedTuple):
     age: Floats
     """How old they are, shape (k,) [s]."""
     agents: NDArray
-    """What rows see: people, then static capsules, shape (k + c,) of ``AGENT``."""
+    """What rows see: people, then static capsules, shape (k + c,) of ``AGENT`` ..."""
+    agents_now: NDArray
+    """... and the same at the beginning of the step, where rows look at its end."""
     planes: NDArray
     """Half-spaces that rows see, shape (p,) of ``PLANE``."""
     grown: NDArray
@@ -397,6 +399,7 @@ def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_row
         radius=np.zeros(people),
         age=np.zeros(people),
         agents=records(others, AGENT),
+        agents_now=records(others, AGENT),
         planes=records(sides, PLANE),
         grown=records(people, AGENT),
         reach=np.zeros(people),

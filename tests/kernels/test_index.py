@@ -333,7 +333,7 @@ def look_ahead(state, jerk, agents, index, planes=NO_PLANES, tau=TAU):
     )
 
 
-def rows_of(step, lower, upper, only=-1, authority=0.0):
+def rows_of(step, lower, upper, only=-1, authority=0.0, above=-np.inf):
     """L, S and the owners of the exact rows."""
     count = step.pairs.size
     L, S, owner = np.full((count, 6), np.nan), np.full(count, np.nan), np.full(count, -1, np.int64)
@@ -349,6 +349,7 @@ def rows_of(step, lower, upper, only=-1, authority=0.0):
         step.tau,
         step.index,
         only,
+        above,
         (upper - lower) / 2.0,
         authority,
         0.0,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jssa_gym.kernels.capsules import nearest
-from jssa_gym.kernels.index import Index, advance, assess, exact_rows
+from jssa_gym.kernels.index import Index, advance, assess, exact_rows, reassess
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.projection import violation
 from jssa_gym.tick import codes
@@ -13,6 +13,12 @@ from jssa_gym.tick.proposals.rows import PROJECT, of_rows
 
 TOLERANCE = 1e-6
 """Index [m²] up to which a row counts as kept once the arm's true motion is computed."""
+
+CLOSE = -1e-6
+"""Index [m²] below which no row is violated where it is linearised: all ask for 0 or more. Rounding is far less."""
+
+ALL = -np.inf
+"""Below the index of every pair."""
 
 LINEARISATIONS = 3
 """How often the exact row is linearised anew at the projected jerk; once is the rule."""
@@ -89,29 +95,37 @@ def look_ahead(robot, settings, proposal, memory, jerk, work, told, e):
 
 
 @jit
-def look_back(robot, settings, proposal, state, work):
-    """Index of every pair at the beginning of the step, from ``work.agents`` at its end."""
+def move_back(settings, work):
+    """Where everybody whom rows see is at the beginning of the step, into ``work.agents_now``, from its end."""
     advance(work.agents, -settings.dt)
-    assess(
-        robot.links, robot.capsules, state, state[0], work.agents, work.planes, 0.0, proposal.index,
-        work.before, work.frames_now, work.segments_now, work.pairs_now,
-    )  # fmt: skip
+    for k in range(work.agents.shape[0]):
+        work.agents_now[k] = work.agents[k]
     advance(work.agents, settings.dt)
 
 
 @jit
-def rows_at(robot, settings, proposal, jerk, only, work):
+def look_back(robot, proposal, state, above, work):
+    """Index at the beginning of the step, after :func:`move_back`, of the pairs that at its end are above a level."""
+    reassess(
+        robot.links, robot.capsules, state, work.agents_now, work.planes, proposal.index, above, work.pairs,
+        work.frames_now, work.segments_now, work.pairs_now,
+    )  # fmt: skip
+
+
+@jit
+def rows_at(robot, settings, proposal, jerk, only, above, work):
     """Make the rows, linearised at ``jerk`` after :func:`look_ahead` at it.
 
     Args:
         only: Row-major number of the only pair to look at, or -1 for all.
+        above: Only pairs whose index is above this are looked at [m²].
 
     Returns:
         Their number, their largest violation at ``jerk`` [m²], and whether one asks for less than 0 at once.
     """
     count = exact_rows(
         work.frames, work.segments, work.agents, work.planes, work.pairs, jerk, work.lower, work.upper,
-        settings.dt, proposal.index, only, robot.limits[4], proposal.authority, proposal.recovery,
+        settings.dt, proposal.index, only, above, robot.limits[4], proposal.authority, proposal.recovery,
         work.pairs_now, work.L, work.S, work.owner, work.target,
     )  # fmt: skip
     recovering = False
@@ -131,18 +145,26 @@ def exact(robot, settings, proposal, memory, nominal, work, told, e):
     worst, _ = look_ahead(robot, settings, proposal, memory, work.wanted, work, told, e)
     if not worst < np.inf:
         return codes.INDEX
-    if worst > 0.0:
-        if proposal.recovery > 0.0:
-            look_back(robot, settings, proposal, memory.state[e], work)
-        return _linearise(robot, settings, proposal, work, told)
-    return 0
+    if not worst > 0.0:
+        return 0
+    recovers = proposal.recovery > 0.0
+    if recovers:
+        move_back(settings, work)
+        look_back(robot, proposal, memory.state[e], CLOSE, work)
+    # rows that are kept by far have to be made only if another jerk is looked for
+    stage = _linearise(robot, settings, proposal, CLOSE, work, told)
+    if stage == PROJECT:
+        if recovers:
+            look_back(robot, proposal, memory.state[e], ALL, work)
+        stage = _linearise(robot, settings, proposal, ALL, work, told)
+    return stage
 
 
 @jit
-def _linearise(robot, settings, proposal, work, told):
-    """Make rows at ``work.wanted``; ``PROJECT`` unless they are kept, or there were enough."""
+def _linearise(robot, settings, proposal, above, work, told):
+    """Make rows of pairs above a level at ``work.wanted``; ``PROJECT`` unless they are kept, or there were enough."""
     only = told["row"] * work.pairs.shape[1] + told["column"] if proposal.closest else -1
-    count, left, recovering = rows_at(robot, settings, proposal, work.wanted, only, work)
+    count, left, recovering = rows_at(robot, settings, proposal, work.wanted, only, above, work)
     if left <= (TOLERANCE if told["attempt"] > 0 else 0.0) or told["attempt"] == LINEARISATIONS:
         return _finish(left, told)
     told["rows"], told["recovering"] = count, recovering
@@ -166,4 +188,4 @@ def after_exact(robot, settings, proposal, memory, nominal, work, told, e):
     if left <= TOLERANCE or not told["kept"]:
         return _finish(left, told)
     told["attempt"] += 1
-    return _linearise(robot, settings, proposal, work, told)
+    return _linearise(robot, settings, proposal, ALL, work, told)
