@@ -30,7 +30,7 @@ def _kept(folder):
 def test_ray_trains_the_same(swept, tmp_path):
     pytest.importorskip("ray", reason="ray is not installed")
     _, local, kept = swept
-    options = ("--seed", "4", "--seeds", "2", "--engine", "ray", "--jobs", "2", "--json", "--out", tmp_path / "ray")
+    options = ("--seed", "4", "--seeds", "2", "--engine", "ray", "--json", "--out", tmp_path / "ray")
     run = cli(*SHORT, *options)
     assert run.returncode == 0, run.stderr
     assert _kept(tmp_path / "ray") == kept

@@ -194,7 +194,7 @@ class Gesturers(Drawing):
         return self._records["asks"][who]
 
 
-class Recordings(Compiled):
+class RecordedPeople(Compiled):
     """People who play one recording, each placed elsewhere: all read the one, and have two samples of it placed."""
 
     layout = PLAYER
@@ -276,7 +276,7 @@ def beside(motion: HumanMotion, count: int, parts: int) -> Beside:
     if isinstance(motion, Paced):
         return Slowed(motion, count, parts)
     if isinstance(motion, Recorded):
-        return Recordings(motion, count, parts)
+        return RecordedPeople(motion, count, parts)
     if isinstance(motion, Walker):
         return Walkers(motion, count, parts)
     if isinstance(motion, Gesturer):
