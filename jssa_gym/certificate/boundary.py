@@ -60,7 +60,7 @@ class Domain:
 
     def __post_init__(self) -> None:
         check_fields(self, ("tip_speed", "human_speed", "radius"), positive_number)
-        object.__setattr__(self, "distance", low_high("distance", self.distance))
+        check_fields(self, ("distance",), low_high)
         check_fields(self, ("speed_share", "acceleration_share"), number_within, 0.0, 1.0)
         check_fields(self, ("authority", "band"), number_within, 0.0)
         if not isinstance(self.viable, bool):

@@ -40,9 +40,9 @@ class TrackerParams:
     """Standard deviation of a keypoint's error along an axis, as a share of its largest error."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "sure", positive_number("sure", self.sure))
-        object.__setattr__(self, "unsure", number_within("unsure", self.unsure, self.sure))
-        object.__setattr__(self, "hold", number_within("hold", self.hold, 0.0))
+        check_fields(self, ("sure",), positive_number)
+        check_fields(self, ("unsure",), number_within, self.sure)
+        check_fields(self, ("hold",), number_within, 0.0)
         check_fields(self, ("acceleration", "deviation"), positive_number)
 
     def lag(self, rate: float) -> float:

@@ -135,7 +135,7 @@ class SSMParams:
 
     def __post_init__(self) -> None:
         if self.human_speed is not None:
-            object.__setattr__(self, "human_speed", positive_number("human_speed", self.human_speed))
+            check_fields(self, ("human_speed",), positive_number)
         check_fields(self, ("latency", "intrusion", "human_error", "robot_error", "hysteresis"), number_within, 0.0)
 
 

@@ -249,6 +249,7 @@ def test_at_the_end_of_the_range_only_what_can_still_be_stopped_is_offered() -> 
     assert 0 < refused < len(plan)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=60)
 @given(
     arrays(np.float64, (3, 6), elements=st.floats(allow_nan=True, allow_infinity=True)),

@@ -100,12 +100,14 @@ def test_many_do_what_each_does_by_itself(task, shield) -> None:
         assert "alternative" in both.kinds
 
 
+@pytest.mark.long
 def test_people_slow_arms_down_along_their_paths() -> None:
     both = Both("track", "work", human="hand", limit=500).reset().play(260)
     assert max(both.choices) > 0
     assert min(both.paces) < 0.5
 
 
+@pytest.mark.long
 def test_who_is_thrown_off_its_path_goes_back_or_brakes() -> None:
     both = Both("track", "jssa+stop", human="hand", limit=400).reset().play(400)
     assert {Phase.YIELDING, Phase.SETTLING, Phase.WAITING} <= both.phases

@@ -159,7 +159,9 @@ WORLDS = {
 }
 
 
-@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize(
+    "name", [name if name == "everything" else pytest.param(name, marks=pytest.mark.long) for name in WORLDS]
+)
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 30))])
 def test_everybody_is_within_what_is_believed_whoever_comes_and_goes(robot, make_scene, name, seed):
     world = World(np.random.default_rng(seed), half=HALF, speed=SPEED, **WORLDS[name])

@@ -139,8 +139,9 @@ def combinations():
     """Every filter with and without its layers; other assumptions are the layers' business, whatever is inside."""
     for kind in KINDS:
         for layers in LAYERS:
-            rare = layers == "guarded, measured" and kind not in ("exact", "none")
-            marks = () if layers == "guarded" else pytest.mark.slow if rare else pytest.mark.long
+            first = kind in ("exact", "none")
+            rare = layers == "guarded, measured" and not first
+            marks = () if layers == "guarded" and first else pytest.mark.slow if rare else pytest.mark.long
             yield pytest.param(kind, layers, marks=marks)
 
 

@@ -66,8 +66,8 @@ class Deliver(TipTask):
 
     def __post_init__(self) -> None:
         check_fields(self, ("tolerance", "speed"), positive_number)
-        object.__setattr__(self, "stay", number_within("stay", self.stay, SHORTEST_STAY))
-        object.__setattr__(self, "count", positive_integer("count", self.count))
+        check_fields(self, ("stay",), number_within, SHORTEST_STAY)
+        check_fields(self, ("count",), positive_integer)
 
     @property
     def legs(self) -> int:

@@ -109,7 +109,7 @@ class Track(Task):
 
     def __post_init__(self) -> None:
         check_fields(self, ("period", "tolerance", "speed"), positive_number)
-        object.__setattr__(self, "count", positive_integer("count", self.count))
+        check_fields(self, ("count",), positive_integer)
 
     def features(self, robot: RobotModel) -> tuple[Feature, ...]:
         ranges = _ranges(robot)
