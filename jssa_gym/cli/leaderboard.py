@@ -25,8 +25,8 @@ class Submit:
     """Play a filter or a policy on the leaderboard's seeds, and write its tables with one row more.
 
     Nothing is sent anywhere: the folder gets tables.md and episodes.csv. What was interrupted goes on where it stopped
-    when the same command is given again. The whole board takes about a quarter of an hour of one core with a filter of
-    this package, the first two --episodes of every cell less than a minute.
+    when the same command is given again. The whole board takes about six minutes of one core with a filter of this
+    package, the first two --episodes of every cell about half a minute.
     """
 
     filter: str | None = None
@@ -107,7 +107,7 @@ class Show:
 class LeaderboardCommand:
     """The leaderboard: its tables, and a filter or policy of one's own on it.
 
-    A submission takes about a quarter of an hour of one core, or as long as its filter's decisions take.
+    A submission takes about six minutes of one core, or as long as its filter's decisions take.
     """
 
     action: Annotated[
