@@ -176,17 +176,17 @@ MUTANTS = [
     ),
     _kernel("what moves may stay closed", "gap <= 0.0 and rate <= REST_SPEED", "gap <= 0.0"),
     _kernel(
-        "who is off is off for good", "return until - t - _ROUNDING > max(lasting, _SHORTEST)", "return until > -np.inf"
+        "who is off is off for good", "return until - t - _ROUNDING > max(lasting, SHORTEST)", "return until > -np.inf"
     ),
     _kernel("who is apart at a glance is nearer", "far = radii + reach[k] + speed[k] * t", "far = radii"),
     _kernel("too many looks read as safe", "return UNDECIDED, -1, -1, t", "return SAFE, -1, -1, t"),
     _kernel(
         "NaN distance of a person passes",
         # both doors, of which the second would do: what is asked between them is not told NaN
-        "if not (lasts > _SHORTEST):\n                    lasts = apart_for("
-        "part, radii, around.confined[k], reach[k], speed[k], rate, t)\n                if not (lasts > _SHORTEST):",
-        "if lasts <= _SHORTEST:\n                    lasts = apart_for("
-        "part, radii, around.confined[k], reach[k], speed[k], rate, t)\n                if lasts <= _SHORTEST:",
+        "if not (lasts > SHORTEST):\n                    lasts = apart_for("
+        "part, radii, around.confined[k], reach[k], speed[k], rate, t)\n                if not (lasts > SHORTEST):",
+        "if lasts <= SHORTEST:\n                    lasts = apart_for("
+        "part, radii, around.confined[k], reach[k], speed[k], rate, t)\n                if lasts <= SHORTEST:",
         NUMBERS,
     ),
     _kernel(
@@ -241,8 +241,8 @@ MUTANTS = [
     ),
     # how a jerk is chosen
     _admit("limits check skipped", "    if not keeps_limits(", "    if False and not keeps_limits(", CHOICE),
-    _kernel("the step's limits not checked", "if not step_keeps(", "if False and not step_keeps(", CHOICE),
-    _kernel("the stop's limits not checked", "if not stop_keeps(", "if False and not stop_keeps(", CHOICE),
+    _kernel("the step's limits not checked", "keeps = together.keeps(", "keeps = True or together.keeps(", CHOICE),
+    _kernel("the stop's limits not checked", "keeps &= together.stop_keeps(", "keeps |= together.stop_keeps(", CHOICE),
     _admit("half-way jerk not verified", "if half == SAFE:", "if True:", CHOICE),
     _admit(
         "tail one tick ahead",
@@ -274,8 +274,8 @@ MUTANTS = [
     Mutant(
         "jerk limit of stops twice as large",
         "kernels/stopping.py",
-        "step = J * tau\n",
-        "step = 2.0 * J * tau\n",
+        "    sign, x, a, rise, cruise, fall = _shortest(v, a, J, A, tau)\n    step = J * tau\n",
+        "    J *= 2.0\n    sign, x, a, rise, cruise, fall = _shortest(v, a, J, A, tau)\n    step = J * tau\n",
         CHOICE,
     ),
     Mutant(
@@ -1052,6 +1052,27 @@ MUTANTS = [
         "balls_gap(ball, balls[k]) - radii - taken",
         "balls_gap(ball, balls[k])",
         (MARGIN, "formula or moments"),
+    ),
+    Mutant(
+        "any margin is wide enough not to look at people again",
+        "kernels/margin.py",
+        "return room > (between + SHORTEST) * _quickest(robot, work.fastest) + _CLEARLY",
+        "return room > 0.0",
+        (MARGIN, "wide"),
+    ),
+    Mutant(
+        "rows of an arm that stays where it is",
+        "kernels/ahead.py",
+        "rests = t - motion.dt >= stopped",
+        "rests = True",
+        (MARGIN, "quintic or passes_by"),
+    ),
+    Mutant(
+        "rows that are violated are taken for kept by far",
+        "tick/proposals/exact.py",
+        "CLOSE = -1e-6",
+        "CLOSE = 1.0",
+        ROWS,
     ),
     # people who come and go
     _kernel(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import inlined, jit
 from jssa_gym.kernels.vector import add, along, cross, dot, subtract
 
 _POINT = 1e-30
@@ -15,7 +15,7 @@ _PARALLEL = 1e-12
 """sin² of the angle under which two segments count as parallel."""
 
 
-@jit
+@inlined
 def _unit(x):
     return min(max(x, 0.0), 1.0)
 
@@ -59,15 +59,30 @@ def closest_points(a, b, c, d):
     det = ee * ff - ef * ef
     if not (det > _PARALLEL * ee * ff):
         return _closest_of_parallel(w, e, f, ee, ff, ef, ew, fw)
+    return _closest_of_lines(ee, ff, ef, ew, fw, det)
+
+
+@inlined
+def _closest_of_lines(ee, ff, ef, ew, fw, det):
+    """Closest points of segments that are neither points nor parallel."""
     s = _unit((ef * fw - ew * ff) / det)
     r = (ef * s + fw) / ff
-    if r < 0.0:
-        r = 0.0
-        s = _unit(-ew / ee)
-    elif r > 1.0:
-        r = 1.0
-        s = _unit((ef - ew) / ee)
+    before, beyond = r < 0.0, r > 1.0
+    s = _unit(-ew / ee) if before else _unit((ef - ew) / ee) if beyond else s
+    r = 0.0 if before else 1.0 if beyond else r
     return s, r
+
+
+@inlined
+def common_pair(a, b, c, d, radii):
+    """:func:`capsule_pair` without branches, and whether it holds: not of points, nor of parallel segments."""
+    e, f, w = subtract(b, a), subtract(d, c), subtract(a, c)
+    ee, ff, fw, ew, ef = dot(e, e), dot(f, f), dot(f, w), dot(e, w), dot(e, f)
+    det = ee * ff - ef * ef
+    s, r = _closest_of_lines(ee, ff, ef, ew, fw, det)
+    w = subtract(along(a, b, s), along(c, d, r))
+    holds = (ee > _POINT) & (ff > _POINT) & (det > _PARALLEL * ee * ff)
+    return np.sqrt(dot(w, w)) - radii, s, r, holds
 
 
 @jit

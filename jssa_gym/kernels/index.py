@@ -19,14 +19,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jssa_gym.kernels.capsules import capsule_pair, plane_pair, stands
+from jssa_gym.kernels.capsules import capsule_pair, common_pair, plane_pair, stands
 from jssa_gym.kernels.chain import forward, place, point_on
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import inlined, jit
+from jssa_gym.kernels.lanes import LANES, lanes
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.vector import add, along, cross, dot, scale, subtract
 
 _TOUCHING = 1e-3
 """Axis distance [m] below which 1/d is held: the axes cross, the bodies overlap by both radii."""
+
+_CROSSING = 1e-9
+"""Axis distance [m] below which its direction is none."""
 
 
 class Index(NamedTuple):
@@ -63,7 +67,7 @@ class Gradient(NamedTuple):
 @jit
 def direction(w, d, fallback):
     """Unit vector from the agent to the robot; where the axes cross, the direction between midpoints, else up."""
-    if not (d < 1e-9):
+    if not (d < _CROSSING):
         return scale(w, 1.0 / d)
     length = np.sqrt(dot(fallback, fallback))
     if length > 1e-9:
@@ -104,15 +108,13 @@ def approach(segment, agent, s, r, distance, index):
     w = subtract(p, along(agent["start"], agent["end"], r))
     v = subtract(v, along(agent["start_velocity"], agent["end_velocity"], r))
     d = distance + segment["radius"] + agent["radius"]
-    if d < 1e-9:
+    if d < _CROSSING:
         middle = subtract(along(segment["start"], segment["end"], 0.5), along(agent["start"], agent["end"], 0.5))
         n = direction(w, d, middle)
     else:
         n = scale(w, 1.0 / d)
     d = max(d, _TOUCHING)
-    rate = dot(n, v)
-    v_side = subtract(v, scale(n, rate))
-    curvature = dot(n, a) + dot(v_side, v_side) / d
+    rate, v_side, curvature = _rates(n, d, v, a)
     slide_robot, slide_agent = 0.0, 0.0
     inside_robot, inside_agent = 0.0 < s < 1.0, 0.0 < r < 1.0
     if index.sliding and (inside_robot or inside_agent):
@@ -141,7 +143,15 @@ def approach(segment, agent, s, r, distance, index):
     return Approach(n, d, rate, curvature, v_side, a, slide_robot, slide_agent)
 
 
-@jit
+@inlined
+def _rates(n, d, v, a):
+    """Rate of a distance d along n, the velocity across it, and its second derivative for fixed closest points."""
+    rate = dot(n, v)
+    v_side = subtract(v, scale(n, rate))
+    return rate, v_side, dot(n, a) + dot(v_side, v_side) / d
+
+
+@inlined
 def index_value(distance, rate, curvature, index):
     r""":math:`\phi` of Eq. (6) with the signed square [m²]."""
     return index.d_min**2 - distance * abs(distance) - index.lambda1 * rate - index.lambda2 * curvature
@@ -225,23 +235,71 @@ def assess(links, capsules, state, jerk, agents, planes, tau, index, after, fram
         pairs: Result, shape (m, k + p) of ``PAIR``, agents first.
 
     Returns:
-        The largest index [m²], and row and column of its pair. The first NaN is returned at once; the pairs after
-        it then hold what they held before.
+        The largest index [m²], and row and column of its pair; those of the first NaN, if there is one.
     """
     integrate(state, jerk, tau, after)
     forward(links, after, frames)
     place(frames, capsules, segments)
+    _put_agents_indices(segments, agents, planes, index, pairs)
     worst, row, column = -np.inf, -1, -1
     for i in range(segments.shape[0]):
         for j in range(agents.shape[0] + planes.shape[0]):
             pair = pairs[i, j]
-            pair["distance"], pair["s"], pair["r"], phi = _pair_index(segments[i], agents, planes, j, index)
-            pair["phi"] = phi
+            if j >= agents.shape[0]:
+                pair["distance"], pair["s"], pair["r"], pair["phi"] = _pair_index(segments[i], agents, planes, j, index)
+            phi = pair["phi"]
             if not (phi <= worst):
                 worst, row, column = phi, i, j
                 if np.isnan(phi):
                     return worst, row, column
     return worst, row, column
+
+
+@jit
+def _put_agents_indices(segments, agents, planes, index, pairs):
+    """:func:`_pair_index` of all robot capsules and agents, of these :data:`~jssa_gym.kernels.lanes.LANES` at once."""
+    sx, sy, sz, ex, ey, ez = lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
+    sx_dot, sy_dot, sz_dot, ex_dot, ey_dot, ez_dot = lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
+    radius, distance, s, r, phi, holds = lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
+    count = agents.shape[0]
+    for first in range(0, count, LANES):
+        for k in range(LANES):
+            agent = agents[min(first + k, count - 1)]
+            radius[k] = agent["radius"]
+            sx[k], sy[k], sz[k] = agent["start"][0], agent["start"][1], agent["start"][2]
+            ex[k], ey[k], ez[k] = agent["end"][0], agent["end"][1], agent["end"][2]
+            v, w = agent["start_velocity"], agent["end_velocity"]
+            sx_dot[k], sy_dot[k], sz_dot[k], ex_dot[k], ey_dot[k], ez_dot[k] = v[0], v[1], v[2], w[0], w[1], w[2]
+        for i in range(segments.shape[0]):
+            robot = segments[i]
+            thick, a, b = robot["radius"], _vector(robot["start"]), _vector(robot["end"])
+            a_dot, b_dot = _vector(robot["start_velocity"]), _vector(robot["end_velocity"])
+            a_ddot, b_ddot = _vector(robot["start_acceleration"]), _vector(robot["end_acceleration"])
+            for k in range(LANES):
+                start, end = (sx[k], sy[k], sz[k]), (ex[k], ey[k], ez[k])
+                distance[k], s[k], r[k], common = common_pair(a, b, start, end, thick + radius[k])
+                w = subtract(along(a, b, s[k]), along(start, end, r[k]))
+                moves = along((sx_dot[k], sy_dot[k], sz_dot[k]), (ex_dot[k], ey_dot[k], ez_dot[k]), r[k])
+                d = distance[k] + thick + radius[k]
+                rate, _, curvature = _rates(
+                    scale(w, 1.0 / d), max(d, _TOUCHING), subtract(along(a_dot, b_dot, s[k]), moves),
+                    along(a_ddot, b_ddot, s[k]),
+                )  # fmt: skip
+                phi[k] = index_value(distance[k], rate, curvature, index)
+                holds[k] = 1.0 if common & (d >= _CROSSING) else 0.0
+            for k in range(min(LANES, count - first)):
+                pair = pairs[i, first + k]
+                if holds[k] == 1.0 and not index.sliding:
+                    pair["distance"], pair["s"], pair["r"], pair["phi"] = distance[k], s[k], r[k], phi[k]
+                else:
+                    pair["distance"], pair["s"], pair["r"], pair["phi"] = _pair_index(
+                        robot, agents, planes, first + k, index
+                    )
+
+
+@inlined
+def _vector(x):
+    return x[0], x[1], x[2]
 
 
 @jit

@@ -8,12 +8,12 @@ import reference as ref
 from numba import njit
 
 from jssa_gym.kernels.ahead import Foresight, predicted_rows
-from jssa_gym.kernels.margin import margin
+from jssa_gym.kernels.margin import clears_people, margin
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import AGENT, CONFINED, PLANE, STOP, records
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
-from jssa_gym.kernels.verification import Around, StepAndStop
+from jssa_gym.kernels.verification import REACH, Around, StepAndStop, keeps_clear
 from jssa_gym.safety.failsafe import levers
 from jssa_gym.tick import layout
 
@@ -122,6 +122,29 @@ def test_the_margin_is_infinite_where_nothing_moves_and_where_nobody_is(robot):
         case = random_case(robot, rng, people=people, moves=moves)
         around = around_of(case, np.zeros(people), np.ones(people), np.zeros(people))
         assert margin_of(case.arm, case.motion, case.ticks, around, case.work) == np.inf
+
+
+@njit
+def seen_twice(arm, motion, ticks, around, room, work):
+    return clears_people(arm, motion, ticks, room, work), keeps_clear(arm, motion, ticks, around, work)[0]
+
+
+def test_only_a_wide_margin_says_that_people_need_not_be_looked_at(robot):
+    """Between the moments of the margin people come closer: one of a hair is none."""
+    rng, seen = np.random.default_rng(2), set()
+    for _ in range(8):
+        case = random_case(robot, rng)
+        arm = case.arm._replace(self_pairs=case.arm.self_pairs[:0])
+        growth = rng.choice([0.0, 1.0], 2)
+        around = around_of(case, np.zeros(2), growth, np.zeros(2))
+        room = margin_of(arm, case.motion, case.ticks, around, case.work)
+        for left in (2e-4, 0.1, 1.0):
+            near = around._replace(reach=around.reach + room - left)
+            clears, verdict = seen_twice(arm, case.motion, case.ticks, near, left, case.work)
+            assert not (clears and verdict == REACH)
+            seen.add((left, clears, verdict == REACH))
+        assert not seen_twice(arm, case.motion, case.ticks, around, np.nan, case.work)[0]
+    assert {(2e-4, False, True), (1.0, True, False)} <= seen
 
 
 # ---- rows from a predicted miss ----------------------------------------------------------------------
