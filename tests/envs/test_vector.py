@@ -102,7 +102,7 @@ def test_every_task_beside_everybody_is_as_alone(task, human, mode):
     assert pair.over >= 8
 
 
-@pytest.mark.parametrize("human", ["random", "walk_by", "hand", Pursuit(feint=True)], ids=str)
+@pytest.mark.parametrize("human", ["random", "walk_by", "hand", pytest.param(Pursuit(feint=True), id="feint")])
 def test_long_episodes_draw_what_single_ones_draw(human):
     # and episodes behind them: nothing that was drawn is lost or used twice
     Pair(3, "reach", human=human, limit=420, terminate_on=(), mode=AutoresetMode.SAME_STEP).play(1000, size=0.2)
