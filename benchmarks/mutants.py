@@ -1,6 +1,6 @@
 """Mutation testing of the shield: each guard is broken once, and some test has to notice.
 
-    python benchmarks/mutants.py                 # all, some hours of one core
+    python benchmarks/mutants.py                 # all, hours on a busy machine
     python benchmarks/mutants.py age tail        # those whose name contains one of the words
     python benchmarks/mutants.py --log FILE      # goes on where a run that was ended left off
 
@@ -244,6 +244,9 @@ MUTANTS = [
     _kernel("the step's limits not checked", "keeps = together.keeps(", "keeps = True or together.keeps(", CHOICE),
     _kernel("the stop's limits not checked", "keeps &= together.stop_keeps(", "keeps |= together.stop_keeps(", CHOICE),
     _admit("half-way jerk not verified", "if half == SAFE:", "if True:", CHOICE),
+    _admit(
+        "the softest of several stops is taken as it is", "if code == SAFE:", "if True:", (OFFERS, "blend_is_verified")
+    ),
     _admit(
         "tail one tick ahead",
         "stop_jerk(memory.stored[e], step, jerk)\n    integrate",
