@@ -67,9 +67,12 @@ def jerk_box(state, bounds, tau, lower, upper):
             V[i], A[i], J[i] = bounds[2, joint], bounds[3, joint], bounds[4, joint]
         for i in range(LANES):
             least[i], most[i] = _range_of_jerks(a[i], A[i], J[i], tau)
-            keeps = _surely_recoverable(q[i], v[i], a[i], least[i], low[i], high[i], V[i], A[i], J[i], tau)
-            keeps &= _surely_recoverable(q[i], v[i], a[i], most[i], low[i], high[i], V[i], A[i], J[i], tau)
-            sure[i] = 1.0 if keeps else 0.0
+            sure[i] = 1.0
+        for end in range(2):  # one loop for both, as it is long and would be compiled twice
+            for i in range(LANES):
+                u = least[i] if end == 0 else most[i]
+                keeps = _surely_recoverable(q[i], v[i], a[i], u, low[i], high[i], V[i], A[i], J[i], tau)
+                sure[i] = sure[i] if keeps else 0.0
         for i in range(min(LANES, count - first)):
             joint, found = first + i, True
             lower[joint], upper[joint] = least[i], most[i]
