@@ -2,7 +2,7 @@
 
     python benchmarks/mutants.py                 # all, hours on a busy machine
     python benchmarks/mutants.py age tail        # those whose name contains one of the words
-    python benchmarks/mutants.py --log FILE      # goes on where a run that was ended left off
+    python benchmarks/mutants.py --log FILE      # goes on where a run of the same sources that was ended left off
 
 A mutant is a substitution in the source of a copy of the package; the tests that are to notice it run on that copy
 with kernels that are not compiled (compiling each mutant takes longer than its tests). Exit status 1 if one survives,
@@ -10,6 +10,7 @@ or if a substitution no longer fits the source.
 """
 
 import argparse
+import hashlib
 import os
 import resource
 import shutil
@@ -22,6 +23,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
+PARTS = "jssa_gym", "tests"
+"""What is copied."""
 LONGEST = 1200
 """Processor time [s]: a mutant that keeps its tests busy for longer is noticed too, however busy the machine is."""
 PATIENCE = 7200.0
@@ -1061,7 +1064,33 @@ MUTANTS = [
         "kernels/margin.py",
         "return room > (between + SHORTEST) * _quickest(robot, work.fastest) + _CLEARLY",
         "return room > 0.0",
-        (MARGIN, "wide"),
+        (MARGIN, "only_a_wide"),
+    ),
+    Mutant(
+        "a margin that is there is wide enough not to look at people again",
+        "kernels/margin.py",
+        "return room > (between + SHORTEST) * _quickest(robot, work.fastest) + _CLEARLY",
+        "return room > 0.0",
+        (MARGIN, "for_a_wide"),
+    ),
+    Mutant(
+        "a margin is wide enough for a step shorter than the last look",
+        "kernels/margin.py",
+        "if not room > 0.0 or motion.dt < SHORTEST:",
+        "if not room > 0.0:",
+        (MARGIN, "for_a_wide"),
+    ),
+    _kernel(
+        "a table is not looked at either where people are off",
+        "around.touch, around.confined, around.statics, around.planes,",
+        "around.touch, around.confined, around.statics[:0], around.planes[:0],",
+        (MARGIN, "for_a_wide"),
+    ),
+    _admit(
+        "the room of another jerk is believed",
+        "known = room if count == 1 and not _differ(wanted, work.clipped) else np.nan",
+        "known = room",
+        CHOICE,
     ),
     Mutant(
         "rows of an arm that stays where it is",
@@ -1370,12 +1399,15 @@ def run(tests: tuple[str, str], copy: Path) -> tuple[str, str]:
     try:
         done = subprocess.run(
             command, cwd=copy, env=environment, capture_output=True, text=True, timeout=PATIENCE,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST)),
+            # were both limits one, it would end as what runs out of memory does
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST + 60)),
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return "failed", "waited for ever"
-    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+    if done.returncode == -signal.SIGXCPU:
         return "failed", "took too long"
+    if done.returncode == -signal.SIGKILL:
+        return f"error {done.returncode}, as if out of memory", ""
     first = next((line for line in done.stdout.splitlines() if line.startswith("FAILED")), "")
     return {0: "passed", 1: "failed"}.get(done.returncode, f"error {done.returncode}"), first[7:].split(" - ")[0]
 
@@ -1392,29 +1424,56 @@ def judge(mutant: Mutant, copy: Path) -> tuple[str, str]:
     return {"failed": "killed", "passed": "SURVIVED"}.get(outcome, outcome.upper()), first
 
 
-def killed(log: Path | None) -> set[str]:
-    """Names of the mutants that a run before noticed, by its log."""
+def sources(copy: Path) -> str:
+    """Hash of all files of package and tests, of which any may decide what is noticed."""
+    digest = hashlib.sha256()
+    for path in sorted(path for part in PARTS for path in (copy / part).rglob("*")):
+        if path.is_file() and "__pycache__" not in path.parts:
+            digest.update(f"{path.relative_to(copy).as_posix()}\0{path.stat().st_size}\0".encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _of(mutant: Mutant, source: str) -> str:
+    """Hash of a mutant and of the sources that it was tried on."""
+    return hashlib.sha256(repr((source, tuple(mutant))).encode()).hexdigest()[:16]
+
+
+def line(verdict: str, seconds: float, mutant: Mutant, first: str, source: str) -> str:
+    """What a log says of a mutant."""
+    return f"{verdict}\t{seconds:.0f}\t{mutant.name}\t{_of(mutant, source)}\t{first}\n"
+
+
+def killed(log: Path | None, mutants: list[Mutant], source: str) -> set[str]:
+    """Names of the mutants that a run before noticed on the same sources, by its log."""
     if log is None or not log.exists():
         return set()
-    lines = (line.split("\t") for line in log.read_text(encoding="utf-8").splitlines())
-    return {line[2] for line in lines if line[0] == "killed"}
+    told = {tuple(one.split("\t")[:4]) for one in log.read_text(encoding="utf-8").splitlines()}
+    of = {(name, token) for verdict, _, name, token in (one for one in told if len(one) == 4) if verdict == "killed"}
+    return {mutant.name for mutant in mutants if (mutant.name, _of(mutant, source)) in of}
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("words", nargs="*", metavar="WORD", help="only mutants whose name has one of them")
-    parser.add_argument("--log", type=Path, help="a line for each goes there; what it says was killed is left out")
+    parser.add_argument(
+        "--log",
+        type=Path,
+        help="a line for each goes there; what it says was killed of these sources is left out",
+    )
     args = parser.parse_args()
     chosen = [mutant for mutant in MUTANTS if not args.words or any(word in mutant.name for word in args.words)]
-    before = killed(args.log)
-    left = [mutant for mutant in chosen if mutant.name not in before]
-    verdicts, unchanged = ["killed"] * (len(chosen) - len(left)), dict[tuple[str, str], tuple[str, str]]()
+    unchanged = dict[tuple[str, str], tuple[str, str]]()
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder)
         ignore = shutil.ignore_patterns("__pycache__")
-        for part in ("jssa_gym", "tests"):
+        for part in PARTS:
             shutil.copytree(ROOT / part, copy / part, ignore=ignore)
         shutil.copy(ROOT / "pyproject.toml", copy)
+        source = sources(copy)
+        before = killed(args.log, chosen, source)
+        left = [mutant for mutant in chosen if mutant.name not in before]
+        verdicts = ["killed"] * (len(chosen) - len(left))
         for number, mutant in enumerate(left, len(chosen) - len(left) + 1):
             begun = time.perf_counter()
             if mutant.tests not in unchanged:
@@ -1428,7 +1487,7 @@ def main() -> int:
             print(f"{number:3d}  {verdict:9s} {seconds:5.0f} s  {mutant.name:48s} {first}", flush=True)
             if args.log is not None:
                 with args.log.open("a", encoding="utf-8") as log:
-                    log.write(f"{verdict}\t{seconds:.0f}\t{mutant.name}\t{first}\n")
+                    log.write(line(verdict, seconds, mutant, first, source))
     noticed, survived = verdicts.count("killed"), verdicts.count("SURVIVED")
     print(f"{len(chosen)} mutants: {noticed} killed, {survived} survived, {len(chosen) - noticed - survived} broken")
     return int(noticed < len(chosen))

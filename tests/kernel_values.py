@@ -15,7 +15,7 @@ from jssa_gym.kernels.printed import measure_present, printed_rows
 from jssa_gym.kernels.projection import project_row, project_rows, scratch, violation
 from jssa_gym.kernels.reach import nearest_to_point, nearest_to_walker
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, STOP, records
-from jssa_gym.kernels.stopping import peak_speed, plan_stop, step_keeps, stop_at, stop_jerk, stop_keeps
+from jssa_gym.kernels.stopping import parts_keep, peak_speed, plan_stop, step_keeps, stop_at, stop_jerk
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.robots import make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
@@ -146,7 +146,7 @@ def main() -> None:
                 keep("stop at", stop_at(q, v, a, plan[i], TAU, t))
                 keep("peak speed", peak_speed(v, a, plan[i], TAU, t))
             for scale in (1.0, 0.2):
-                keep("stop keeps", stop_keeps(q, v, a, plan[i], *(scale * rows[:, i]), TAU, 1e-9))
+                keep("stop keeps", parts_keep(q, v, a, *plan[i].item(), *(scale * rows[:, i]), TAU, 1e-9))
                 keep("step keeps", step_keeps(q, v, a, jerk[i], *(scale * rows[:, i]), TAU, 1e-9))
         for tick in (0, 20, 30, 200):
             stop_jerk(plan, tick, out)

@@ -272,7 +272,11 @@ def step_keeps(q, v, a, u, low, high, V, A, J, tau, tolerance):
 
 @jit
 def parts_keep(q, v, a, ramp, hold, release, jerk_in, jerk_out, low, high, V, A, J, tau, tolerance):
-    """``stop_keeps`` of a stop whose parts are given one by one, as ``stop_joint`` returns them."""
+    """Whether one joint keeps its limits all the way through its stop and is at rest after it; NaN does not.
+
+    The parts, given as ``stop_joint`` returns them, are cubics whose extremes are computed, not sampled. Limits may be
+    exceeded by a share ``tolerance`` of each (of the range for positions), as in ``motion.violates``.
+    """
     slack, more = tolerance * (high - low), 1.0 + tolerance
     low, high, V, A, J = low - slack, high + slack, V * more, A * more, J * more
     if not _stays(q, v, a, jerk_in, ramp * tau, low, high, V, A, J):
@@ -285,17 +289,3 @@ def parts_keep(q, v, a, ramp, hold, release, jerk_in, jerk_out, low, high, V, A,
         return False
     _, v, a = advance(q, v, a, jerk_out, release * tau)
     return abs(v) <= REST_PLANNED and abs(a) <= REST_PLANNED
-
-
-@jit
-def stop_keeps(q, v, a, stop, low, high, V, A, J, tau, tolerance):
-    """Whether one joint keeps its limits all the way through its stop and is at rest after it; NaN does not.
-
-    The parts are cubics whose extremes are computed, not sampled. Limits may be exceeded by a share ``tolerance``
-    of each (of the range for positions), as in ``motion.violates``.
-    """
-    return parts_keep(
-        q, v, a,
-        stop["ramp"], stop["hold"], stop["release"], stop["jerk_in"], stop["jerk_out"],
-        low, high, V, A, J, tau, tolerance,
-    )  # fmt: skip

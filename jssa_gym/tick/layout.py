@@ -284,7 +284,6 @@ class Work(NamedTuple):
     pairs_now: NDArray
     after: Floats
     """Joint state at the end of the step, shape (3, n)."""
-    before: Floats
     L: Floats
     """Rows, shape (m (k + c + p), n)."""
     S: Floats
@@ -411,7 +410,6 @@ def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_row
         pairs=records(pairs, PAIR),
         pairs_now=records(pairs, PAIR),
         after=np.zeros((3, n)),
-        before=np.zeros((3, n)),
         L=np.zeros((rows, n)),
         S=np.zeros(rows),
         owner=np.zeros(rows, np.int64),

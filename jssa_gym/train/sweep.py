@@ -80,6 +80,7 @@ def _trained(
 
     import torch  # isort: skip
 
+    before = torch.get_num_threads()
     if threads is not None:
         torch.set_num_threads(threads)
     own = seed_folder(folder, config.seed)
@@ -93,3 +94,6 @@ def _trained(
     except Exception as error:  # of whatever kind: the other seeds are none the worse for it
         tell(f"failed: {error}")
         yield SeedOutcome(config.seed, own, error=f"{type(error).__name__}: {error}")
+    finally:
+        if threads is not None:  # with one job this is the caller's process
+            torch.set_num_threads(before)

@@ -41,7 +41,7 @@ def test_ray_trains_the_same(swept, tmp_path):
     assert files[0] == files[1]
 
 
-def test_threads_are_those_of_every_training(monkeypatch, here, tmp_path):
+def test_threads_are_those_of_every_training_and_of_nothing_else(monkeypatch, here, tmp_path):
     pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
     import torch
 
@@ -50,10 +50,12 @@ def test_threads_are_those_of_every_training(monkeypatch, here, tmp_path):
     found, before = [], torch.get_num_threads()
     monkeypatch.setattr(loop, "train", lambda config, *_, **__: found.append((config.seed, torch.get_num_threads())))
     try:
-        here(*SHORT, "--seeds", "2", "--threads", "3", "--out", tmp_path / "out")
+        here(*SHORT, "--seeds", "2", "--threads", before + 1, "--out", tmp_path / "out")
     finally:
+        after = torch.get_num_threads()
         torch.set_num_threads(before)
-    assert found == [(0, 3), (1, 3)]
+    assert found == [(0, before + 1), (1, before + 1)]
+    assert after == before
 
 
 @pytest.mark.long

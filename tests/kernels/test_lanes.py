@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from numba import njit
 
-from jssa_gym.kernels import viability
+from jssa_gym.kernels import lanes, viability
 from jssa_gym.kernels.capsules import capsule_pair
 from jssa_gym.kernels.index import assess, evaluate
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, STOP, records
-from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, step_keeps, stop_joint, stop_keeps
+from jssa_gym.kernels.stopping import _stays, make_plan_representable, parts_keep, plan_stop, step_keeps, stop_joint
 from jssa_gym.kernels.verification import keeps_limits
 from jssa_gym.robots import make_robot
 from jssa_gym.safety.index import IndexParams
@@ -49,10 +50,49 @@ def test_joints_together_are_joints_alone(n):
         make_plan_representable(plan, bounds)
         kept = all(
             step_keeps(*state[:, j], jerk[j], *bounds[:, j], TAU, TOLERANCE)
-            and stop_keeps(*after[:, j], plan[j], *bounds[:, j], TAU, TOLERANCE)
+            and parts_keep(*after[:, j], *plan[j].item(), *bounds[:, j], TAU, TOLERANCE)
             for j in range(n)
         )
         assert keeps_limits(state, jerk, after, plan, bounds, TAU) == kept
+
+
+ODD = np.array([0.0, -0.0, 5e-324, -1e-310, 1e-160, 1.0, 1e200, np.inf, -np.inf, np.nan])
+
+
+@njit(error_model="numpy")
+def asked_twice(step, stop):
+    """A step of one joint and a stop: in lanes, and alone."""
+    q, v, a, u, t, low, high, V, A, J = step
+    x, ramp, hold, release, jerk_in, jerk_out = stop
+    slack, more = TOLERANCE * (high - low), 1.0 + TOLERANCE
+    limits = low - slack, high + slack, V * more, A * more, J * more
+    return (
+        lanes.keeps(q, v, a, u, t, *limits),
+        _stays(q, v, a, u, t, *limits),
+        lanes.stop_keeps(x, v, a, ramp, hold, release, jerk_in, jerk_out, *limits, t),
+        parts_keep(x, v, a, ramp, hold, release, jerk_in, jerk_out, low, high, V, A, J, t, TOLERANCE),
+    )
+
+
+def test_what_is_no_number_or_nothing_at_all_is_in_lanes_what_it_is_alone():
+    """NaN, infinity, what underflows, a jerk or a time of zero: in any one or two of the numbers, and in none."""
+    rng, kept, refused = np.random.default_rng(0), np.zeros(2, int), np.zeros(2, int)
+    for draw in range(3000):
+        bounds = [-1.0, 1.0, 1.0, 4.0, 100.0]
+        v, a = rng.uniform(-1.0, 1.0, 2) * rng.choice([0.0, 1e-9, 0.3, 1.0], 2) * bounds[2:4]
+        step = np.array([rng.uniform(-1.1, 1.1), v, a, rng.uniform(-60.0, 60.0), rng.choice([TAU, 0.2]), *bounds])
+        stop = np.array([rng.uniform(-1.0, 1.0), *stop_joint(v, a, 100.0, 4.0, step[4])])
+        for _ in range(draw % 3):
+            which = rng.integers(15)
+            (step if which < 10 else stop)[which if which < 10 else which - 9] = rng.choice(ODD)
+        together, alone, stop_together, stop_alone = asked_twice(step, stop)
+        assert (together, stop_together) == (alone, stop_alone), (step, stop)
+        kept += together, stop_together
+        refused += not together, not stop_together
+        # what everything is compared with or made of is never NaN
+        assert not (together and np.isnan(step).any())
+        assert not (stop_together and np.isnan([*step[1:3], *step[4:], *stop]).any())
+    assert min(*kept, *refused) > 300
 
 
 @pytest.mark.parametrize("people", [1, 6, 9])

@@ -10,10 +10,20 @@ from numba import njit
 from jssa_gym.kernels.ahead import Foresight, predicted_rows
 from jssa_gym.kernels.margin import clears_people, margin
 from jssa_gym.kernels.motion import integrate
-from jssa_gym.kernels.records import AGENT, CONFINED, PLANE, STOP, records
+from jssa_gym.kernels.records import AGENT, CONFINED, FACE, PLANE, STOP, records
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
-from jssa_gym.kernels.verification import REACH, Around, StepAndStop, keeps_clear
+from jssa_gym.kernels.verification import (
+    ENTRY,
+    HALF_SPACE,
+    REACH,
+    SHORTEST,
+    STATIC,
+    Around,
+    StepAndStop,
+    beside_people,
+    keeps_clear,
+)
 from jssa_gym.safety.failsafe import levers
 from jssa_gym.tick import layout
 
@@ -129,6 +139,11 @@ def seen_twice(arm, motion, ticks, around, room, work):
     return clears_people(arm, motion, ticks, room, work), keeps_clear(arm, motion, ticks, around, work)[0]
 
 
+@njit
+def seen_without(arm, motion, ticks, around, work):
+    return keeps_clear(arm, motion, ticks, beside_people(around), work)[0]
+
+
 def test_only_a_wide_margin_says_that_people_need_not_be_looked_at(robot):
     """Between the moments of the margin people come closer: one of a hair is none."""
     rng, seen = np.random.default_rng(2), set()
@@ -145,6 +160,58 @@ def test_only_a_wide_margin_says_that_people_need_not_be_looked_at(robot):
             seen.add((left, clears, verdict == REACH))
         assert not seen_twice(arm, case.motion, case.ticks, around, np.nan, case.work)[0]
     assert {(2e-4, False, True), (1.0, True, False)} <= seen
+
+
+def hall():
+    """A region around everything that an arm does, with four open sides and a ceiling."""
+    faces = records(5, FACE)
+    faces["normal"] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1]]
+    faces["offset"] = -3.0
+    return faces, np.array([0, 5])
+
+
+@pytest.mark.parametrize("watched", [False, True], ids=["people", "region"])
+def test_who_is_not_looked_at_again_for_a_wide_margin_would_not_have_been_met(robot, watched):
+    """Whatever is left of the gaps, however people grow: of those that are met some have a margin, one too narrow.
+
+    What stands still is looked at in any case.
+    """
+    rng, refused, cleared, fixed, met = np.random.default_rng(4), 0, 0, 0, ENTRY if watched else REACH
+    for _ in range(30):
+        case = random_case(robot, rng, people=0 if watched else 2)
+        k, slow = len(case.people), rng.choice([0.0, 0.0, 0.3, 2.0])
+        arm = case.arm._replace(self_pairs=case.arm.self_pairs[:0])
+        work = layout.work(arm, k, 1, 1, static_rows=False)
+        around = around_of(case, np.zeros(k), slow * rng.choice([0.0, 1.0], k), rng.choice([0.0, 0.3], k))
+        around = around._replace(statics=records(1, AGENT), planes=records(1, PLANE))
+        around.statics["start"] = around.statics["end"] = rng.uniform(-3.0, 3.0, 3)
+        around.statics["radius"], around.planes["normal"], around.planes["offset"] = 0.1, [0.0, 0.0, 1.0], -3.0
+        if watched:
+            faces, pieces = hall()
+            around = around._replace(faces=faces, pieces=pieces, entry_speed=slow)
+        if rng.random() < 0.3:
+            around.planes["offset"] = robot.mount[2] + 0.6
+        room = margin_of(arm, case.motion, case.ticks, around, work)
+        for left in (*10.0 ** rng.uniform([-6.0, -6.0, -2.0], [-2.0, -2.0, 0.5]), 1.5, 0.0, -0.1):
+            near = around._replace(reach=around.reach + room - left, entry_reach=around.entry_reach + room - left)
+            true = margin_of(arm, case.motion, case.ticks, near, work)
+            assert true == pytest.approx(left, abs=1e-9)
+            clears, verdict = seen_twice(arm, case.motion, case.ticks, near, true, work)
+            refused += verdict == met and true > 0.0
+            cleared += clears
+            if clears:
+                assert verdict not in (REACH, ENTRY)
+                assert seen_without(arm, case.motion, case.ticks, near, work) == verdict
+                fixed += verdict in (STATIC, HALF_SPACE)
+        for nothing in (np.nan, -np.inf, -1.0, 0.0):
+            assert not seen_twice(arm, case.motion, case.ticks, around, nothing, work)[0]
+        assert seen_twice(arm, case.motion, case.ticks, around, np.inf, work)[0]
+        # people grow more in the shortest advancement than in a step, which is all that the margin has of it
+        brief = case.motion._replace(dt=0.9 * SHORTEST)
+        assert not seen_twice(arm, brief, case.ticks, around, np.inf, work)[0]
+    assert refused >= 5
+    assert cleared >= 10
+    assert fixed >= 2
 
 
 # ---- rows from a predicted miss ----------------------------------------------------------------------

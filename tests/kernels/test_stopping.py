@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numba import njit
 from scipy.optimize import linprog
 
+from jssa_gym.kernels import lanes, stopping
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import STOP, records
 from jssa_gym.kernels.stopping import (
+    parts_keep,
     peak_speed,
     plan_stop,
-    step_keeps,
     stop_at,
     stop_jerk,
     stop_joint,
-    stop_keeps,
 )
 from jssa_gym.robots import lr_mate_200id_7l
 
@@ -60,6 +61,35 @@ def moving(rng, count):
     state[1] = np.where(kind == 3, np.copysign(V, state[1]), state[1])
     state[1] = np.where(kind == 4, -state[2] * abs(state[2]) / (2.0 * J), state[1])
     return state, bounds
+
+
+@njit(error_model="numpy")
+def step_keeps_in_lanes(q, v, a, u, low, high, V, A, J, tau, tolerance):
+    slack, more = tolerance * (high - low), 1.0 + tolerance
+    return lanes.keeps(q, v, a, u, tau, low - slack, high + slack, V * more, A * more, J * more)
+
+
+@njit(error_model="numpy")
+def stop_keeps_in_lanes(q, v, a, ramp, hold, release, jerk_in, jerk_out, low, high, V, A, J, tau, tolerance):
+    slack, more = tolerance * (high - low), 1.0 + tolerance
+    limits = low - slack, high + slack, V * more, A * more, J * more
+    return lanes.stop_keeps(q, v, a, ramp, hold, release, jerk_in, jerk_out, *limits, tau)
+
+
+def step_keeps(*case):
+    """What is said of a step of one joint, which is the same in lanes."""
+    case = np.array(case, float)
+    kept = stopping.step_keeps(*case)
+    assert step_keeps_in_lanes(*case) == kept
+    return kept
+
+
+def stop_keeps(q, v, a, stop, *limits):
+    """What is said of a stop of one joint, which is the same in lanes."""
+    case = np.array([q, v, a, *stop.item(), *limits], float)
+    kept = parts_keep(*case)
+    assert stop_keeps_in_lanes(*case) == kept
+    return kept
 
 
 def planned(state, bounds):

@@ -17,7 +17,7 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.shields import NoFilter
 from jssa_gym.tick import layout
-from jssa_gym.tick.admit import choose
+from jssa_gym.tick.admit import choose, room_behind
 
 DT = 0.008
 TABLE = 0.87
@@ -721,11 +721,13 @@ def test_limits_hold_within_the_step_too(robot):
 
 
 @njit
-def chosen(arm, settings, memory, wanted, jerk, work):
-    return choose(arm, settings, memory, wanted, jerk, np.nan, work, 0)
+def chosen(arm, settings, memory, wanted, jerk, room, work):
+    room = room_behind(arm, settings, memory, wanted, work, 0) if room == 0.0 else room
+    return choose(arm, settings, memory, wanted, jerk, room, work, 0), room
 
 
-def choosing(robot, state, wanted, stored, tick, people=()):
+def choosing(robot, state, wanted, stored, tick, people=(), *, clipped, room):
+    """What is chosen, as told of the room of what is clipped, 0 for the true one of what is wanted; and that room."""
     n, count = robot.n, len(people)
     case = Case(Motion(robot, state, wanted), people=people)
     arm = layout.ArmRecord(robot.links, robot.capsules, robot.self_pairs, levers(robot), limits_of(robot))
@@ -735,14 +737,18 @@ def choosing(robot, state, wanted, stored, tick, people=()):
     memory.state[0], memory.stored[0], memory.arm["step"] = state, stored, tick
     memory.growth[0], memory.touch[0] = case.speed, case.touch
     work.grown[:], work.reach[:] = case.agents, case.reach
-    which, why, *where = chosen(arm, settings, memory, np.array(wanted, float), jerk, work)
-    return which, why, tuple(where), jerk, work.after, work.next
+    work.clipped[:] = clipped
+    (which, why, *where), room = chosen(arm, settings, memory, np.array(wanted, float), jerk, room, work)
+    return (which, why, tuple(where), jerk, work.after, work.next), room
 
 
 def test_the_choice_is_the_first_that_is_verified(robot, times):
-    """The wanted jerk, or half way to the stored stop's, or that, bit for bit: as asking one by one says."""
+    """The wanted jerk, or half way to the stored stop's, or that, bit for bit: as asking one by one says.
+
+    What is known of the room of the wanted one, or of another, changes nothing of it.
+    """
     rng = np.random.default_rng(9)
-    seen = [0, 0, 0]
+    seen, rooms = [0, 0, 0], []
     for _ in range(80 * times):
         state, _ = a_motion(robot, rng, rng.choice([0.15, 0.15, 1.0]))
         state[0] = robot.home + rng.uniform(-0.3, 0.3, 6)
@@ -764,7 +770,15 @@ def test_the_choice_is_the_first_that_is_verified(robot, times):
             safe = Case(motion, people=beside(middle)).verdict()[0] == ver.SAFE
             near, far = (near, middle) if safe else (middle, far)
         people = beside(near if rng.random() < 0.7 else rng.uniform(0.2, 1.5))
-        which, why, where, jerk, after, plan = choosing(robot, state, wanted, stored, tick, people)
+        case = (robot, state, wanted, stored, tick, people)
+        (which, why, where, jerk, after, plan), _ = choosing(*case, clipped=wanted, room=np.nan)
+        told, room = choosing(*case, clipped=wanted, room=0.0)
+        others, _ = choosing(*case, clipped=0.5 * wanted, room=np.inf)
+        for one in (told, others):
+            assert one[:2] == (which, why)
+            for mine, other in zip(one[3:], (jerk, after, plan if which < 2 else one[5]), strict=True):
+                np.testing.assert_array_equal(mine, other)
+        rooms.append((room > 0.3, which))
         tail = np.zeros(6)
         stop_jerk(stored, tick, tail)
         # a share of the bound, times the bound: what an environment integrates
@@ -789,6 +803,7 @@ def test_the_choice_is_the_first_that_is_verified(robot, times):
                     np.testing.assert_array_equal(plan[name], motion.plan[name] / bounds[4] * bounds[4])
         seen[which] += 1
     assert min(seen) >= 3
+    assert rooms.count((True, 0)) >= 3  # of a room wide enough not to look at people again
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ from numba import config
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import STOP, records
-from jssa_gym.kernels.stopping import plan_stop, step_keeps, stop_jerk, stop_joint, stop_keeps
+from jssa_gym.kernels.stopping import parts_keep, plan_stop, step_keeps, stop_jerk, stop_joint
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.robots import lr_mate_200id_7l
 
@@ -50,9 +50,14 @@ def box_of(state, bounds):
 def verified(state, after, jerk, plan, bounds, tau, tolerance, i):
     """Whether joint i keeps its limits during this tick and in the stop after it."""
     low, high, V, A, J = bounds[0, i], bounds[1, i], bounds[2, i], bounds[3, i], bounds[4, i]
+    stop = plan[i]
     return step_keeps(
         state[0, i], state[1, i], state[2, i], jerk[i], low, high, V, A, J, tau, tolerance
-    ) and stop_keeps(after[0, i], after[1, i], after[2, i], plan[i], low, high, V, A, J, tau, tolerance)
+    ) and parts_keep(
+        after[0, i], after[1, i], after[2, i],
+        stop["ramp"], stop["hold"], stop["release"], stop["jerk_in"], stop["jerk_out"],
+        low, high, V, A, J, tau, tolerance,
+    )  # fmt: skip
 
 
 @jit

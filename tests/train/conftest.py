@@ -2,13 +2,14 @@
 
 import shutil
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread():
+@contextmanager
+def one_thread():
     """Networks of this size are no faster on several, whose sums are in another order."""
     torch = sys.modules.get("torch")
     if torch is None:
@@ -16,8 +17,16 @@ def _one_thread():
         return
     before = torch.get_num_threads()
     torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_thread():
+    with one_thread():
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -28,7 +37,8 @@ def original(tmp_path_factory):
     from jssa_gym.train import train
 
     folder = tmp_path_factory.mktemp("original")
-    train(CHECKPOINTED, folder)
+    with one_thread():  # made before any module's own
+        train(CHECKPOINTED, folder)
     return folder
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Paced, Recorded, Steered, make_human, nobody
+from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Nobody, Paced, Recorded, Steered, make_human, nobody
 from jssa_gym.humans.hand import Gesturer
 from jssa_gym.humans.walker import Walker
 from jssa_gym.kernels.limbs import GESTURE, LIMB
@@ -269,7 +269,7 @@ def beside(motion: HumanMotion, count: int, parts: int) -> Beside:
 
     What begins their episodes is ``motion`` itself, unless they are moved :class:`OneByOne`.
     """
-    if _steered(motion):
+    if _in_python(motion):
         return OneByOne(motion, count, parts)
     if isinstance(motion, Crowd):
         return Crowds(motion, count, parts)
@@ -284,11 +284,13 @@ def beside(motion: HumanMotion, count: int, parts: int) -> Beside:
     return Beside(motion, count, parts)  # nobody
 
 
-def _steered(motion: HumanMotion) -> bool:
-    """Whether anybody is steered."""
+def _in_python(motion: HumanMotion) -> bool:
+    """Whether anybody is moved in Python: whoever is steered, and of whom no kernel is known."""
     if isinstance(motion, Crowd):
-        return any(_steered(one) for one in motion.motions)
-    return _steered(motion.motion) if isinstance(motion, Paced) else isinstance(motion, Steered)
+        return any(_in_python(one) for one in motion.motions)
+    if isinstance(motion, Paced):
+        return _in_python(motion.motion)
+    return not isinstance(motion, (Nobody, Recorded, Walker, Gesturer))
 
 
 def _capsules(segments: NDArray[Any], names: tuple[str, ...]) -> CapsuleSet:
