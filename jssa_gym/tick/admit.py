@@ -100,7 +100,7 @@ def _entered(settings, memory, e):
     return entered(settings, since + settings.lag, settings.position_error + settings.astray)
 
 
-@part
+@jit
 def keeps_safe(robot, settings, memory, jerk, hardness, work, e):
     """:func:`verify`, where nothing is known of the room that the stop leaves to people."""
     return verify(robot, settings, memory, jerk, hardness, np.nan, work, e)
