@@ -49,7 +49,9 @@ def main() -> None:
     policy = read_policy(args.policy)
     training, task = policy.provenance["training"], policy.task.capitalize()
     tuned = preset(policy.task, training["settings"]["algorithm"])
-    if TrainConfig.of(training) != replace(tuned, seed=training["seed"], shield=training["shield"]):
+    if not training["shield"]:  # as the command has it
+        tuned = replace(tuned, shield=False, learn_from="policy")
+    if TrainConfig.of(training) != replace(tuned, seed=training["seed"]):
         raise SystemExit(f"{args.policy} was trained otherwise than the preset: its command would not make it again")
     # what its folder was called on somebody's machine is of no use to others
     command = ["jssa-gym train", f"--task {policy.task}", f"--algorithm {training['settings']['algorithm']}"]

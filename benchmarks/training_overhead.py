@@ -49,7 +49,10 @@ def measured(args: argparse.Namespace, envs: int, ticks: int) -> str:
     with tempfile.TemporaryDirectory() as folder:
         for leg in range(args.legs + 1):
             for shield in (True, False):
-                seconds = of_a_leg(replace(tuned, steps=(leg + 1) * steps, shield=shield), Path(folder) / str(shield))
+                # without a shield there is nothing to tell of it
+                told = tuned.learn_from if shield else "policy"
+                config = replace(tuned, steps=(leg + 1) * steps, shield=shield, learn_from=told)
+                seconds = of_a_leg(config, Path(folder) / str(shield))
                 if leg:  # the first one compiles
                     spent[shield].append(1000.0 * seconds / steps)
     inside, without = (statistics.median(spent[shield]) for shield in (True, False))
