@@ -114,8 +114,10 @@ class TrainConfig:
         if not isinstance(self.settings, Settings):
             raise ParameterError(f"settings have to be one of {', '.join(ALGORITHMS)}, got {self.settings!r}")
         if not self.shield and (self.learn_from != "policy" or self.observe_intervention):
-            raise ParameterError("without a shield there are no interventions to learn from or to observe: take learn_from='policy' and "
-                "observe_intervention=False")
+            raise ParameterError(
+                "without a shield there are no interventions to learn from or to observe: take learn_from='policy' and "
+                "observe_intervention=False"
+            )
         if self.stores_executed and not isinstance(self.settings, OffPolicy):
             raise ParameterError(
                 f"{self.settings.algorithm} needs the probability with which its policy chose an action, and it did "

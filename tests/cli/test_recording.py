@@ -1,6 +1,7 @@
 """``jssa-gym recording`` and ``--human FILE``: what is said of recorded people, and that they play."""
 
 import json
+import math
 import re
 
 import gymnasium as gym
@@ -209,9 +210,10 @@ def test_who_walks_at_the_arm_is_put_beside_it(tmp_path, heading):
         hips = hips[:, [2, 1, 0]]
     motion = make_human(write(tmp_path / "walk.bvh", (angles, hips)))
     for seed in range(20):
-        motion.reset(np.random.default_rng(seed))
-        motion.step(0.008, None)
-        assert np.hypot(*motion._ends[:, 0, 0, :2].T).min() >= 0.6
+        people = motion.reset(np.random.default_rng(seed))
+        for _ in range(math.ceil(480 / RATE / 0.008)):
+            people = motion.step(0.008, people)
+            assert math.hypot(*people.start[0, :2]) >= 0.6
     nearest = np.hypot(*motion.recording.root.T).min()
     assert nearest == pytest.approx(0.75, abs=0.01) if not heading else nearest >= 0.75 - 1e-6
 

@@ -275,8 +275,8 @@ def test_a_vector_is_what_there_is_where_it_can_be():
     assert not tiny(processes=True).steps_as_vector
     assert not tiny(vector=False).steps_as_vector
     assert not tiny("sac", learn_from="executed").steps_as_vector
-    assert Train(task="reach").config().steps_as_vector
-    assert not Train(task="reach", vector=False).config().steps_as_vector
+    assert Train(task="reach", algorithm="ppo").config().steps_as_vector
+    assert not Train(task="reach", algorithm="ppo", vector=False).config().steps_as_vector
     with pytest.raises(ParameterError, match="either vector or processes"):
         tiny(vector=True, processes=True)
     with pytest.raises(ParameterError, match="executed"):
