@@ -8,6 +8,7 @@ import reference as ref
 from numba import njit
 
 from jssa_gym.kernels.ahead import Foresight, predicted_rows
+from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.margin import clears_people, margin
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import AGENT, CONFINED, FACE, PLANE, STOP, records
@@ -139,7 +140,7 @@ def seen_twice(arm, motion, ticks, around, room, work):
     return clears_people(arm, motion, ticks, room, work), keeps_clear(arm, motion, ticks, around, work)[0]
 
 
-@njit
+@jit  # what counts references must not be given a part of an array by what does not
 def seen_without(arm, motion, ticks, around, work):
     return keeps_clear(arm, motion, ticks, beside_people(around), work)[0]
 
