@@ -497,7 +497,7 @@ def test_nothing_is_allocated_for_good(measured):
 @pytest.mark.parametrize("measured", [False, True])
 def test_nothing_is_allocated_for_good_in_a_long_run(measured):
     grown, _ = allocated(100_000, measured, begun=20_000)  # until then small objects of the interpreter are kept
-    assert grown < 20_000
+    assert grown < 100_000  # a byte a tick; one array a tick would be ten million
 
 
 def allocated(ticks, measured, begun=1000):
