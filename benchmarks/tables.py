@@ -52,6 +52,7 @@ TABLES = {
     "CloserReach": Table("guarantees.md", "benchmarks/closer_reach.py", 10),
     "Visitors": Table("guarantees.md", "benchmarks/visitors.py", 20),
     "Claim": Table("guarantees.md", "--out claim-more", 120),
+    "ClaimAgain": Table("guarantees.md", "--out claim-20000", 10),
     "Joints": Table("guarantees.md", "--out joints-unchecked", 40),
     "Power": Table("guarantees.md", "--preset power", 12),
     "Avoid": Table("guarantees.md", "--out rows", 60),
