@@ -25,6 +25,7 @@ from numba.core.caching import (
 )
 
 from jssa_gym.kernels import second
+from jssa_gym.kernels.garbage import collecting_seldom
 
 _logger = logging.getLogger("jssa_gym")
 
@@ -136,7 +137,8 @@ class KernelCache(FunctionCache):
 
     def _load(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super().load_overload(sig, target_context)
+            with collecting_seldom():  # with the first one the rest of the compiler is imported
+                return super().load_overload(sig, target_context)
         except Exception:  # whatever a file makes of itself, the kernel can be compiled
             _warn("Compiled kernels in %s do not load; compiling them anew.", self._cache_path)
             return None

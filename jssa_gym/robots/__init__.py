@@ -9,7 +9,7 @@ from jssa_gym.exceptions import ParameterError, RobotModelError
 from jssa_gym.robots.limits import LIMITS, read_limits
 from jssa_gym.robots.lr_mate_200id_7l import lr_mate_200id_7l
 from jssa_gym.robots.menagerie import MENAGERIE, prepared_folder, published_limits
-from jssa_gym.robots.model import JointLimits, LimitsError, RobotModel
+from jssa_gym.robots.model import ASSETS, JointLimits, LimitsError, RobotModel
 
 
 def ur5e() -> RobotModel:
@@ -43,9 +43,6 @@ __all__ = [
 
 DEFAULT = "lr_mate_200id_7l"
 """Name of the paper's arm, which is meant where none is named."""
-
-ASSETS = Path(__file__).parent / "assets"
-"""Files of the arms that the package comes with."""
 
 PREPARED = "robot.xml"
 """Name of the model's file in a folder that ``jssa-gym robot check --write`` has made."""

@@ -16,6 +16,7 @@ from numba.core.errors import TypingError
 from jssa_gym.envs import ArmEnv
 from jssa_gym.kernels import compiled, second
 from jssa_gym.kernels import jit as compiler
+from jssa_gym.kernels.garbage import SELDOM
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS
 from jssa_gym.tick import loop
@@ -140,7 +141,7 @@ def test_while_kernels_are_compiled_garbage_is_looked_for_less_often() -> None:
         with pytest.raises(TypingError):
             njit(twice)("word")
     assert gc.get_threshold() == before
-    assert [threshold[0] for threshold in seen] == [compiler._FewerCollections.seldom] * 2
+    assert [threshold[0] for threshold in seen] == [SELDOM] * 2
 
 
 # ---- when there is one -------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from jssa_gym.kernels.chain import forward
 from jssa_gym.kernels.records import FRAME
 from jssa_gym.policies import POLICIES
 from jssa_gym.robots import ROBOTS, make_robot
-from jssa_gym.robots.coverage import coverage
+from jssa_gym.robots.coverage import check_coverage, coverage
 from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
 
 # UR: "DH parameters for calculations of kinematics and dynamics", a, d, alpha of the UR5e, standard convention
@@ -97,6 +97,8 @@ def test_what_is_drawn_lies_in_capsules(name, caplog):
     # the paper's gripper turns inside the capsule before it
     assert max(link.own if link.capsules else link.joined for link in links) == 0.0
     assert robot.uncovered == ()
+    # who reads another's file has it looked at; these are looked at here alone
+    check_coverage(model, joints, carrier_links(model, joints), robot.home, COLLISION_GROUP)
     assert not caplog.records
 
 
