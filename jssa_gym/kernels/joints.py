@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, part
 
 ROUNDING = 1e-9
 """Share of the limits (of the range for positions) by which a reading may differ for rounding's sake."""
@@ -28,7 +28,7 @@ def deviates(state, expected, bounds, tolerance):
     return False
 
 
-@jit
+@part
 def judge_joints(reading, readable, expected, last, anchor, past, newest, bounds, tolerance):
     """What a tick's reading of the joints is; then the tick is over.
 
@@ -58,7 +58,7 @@ def judge_joints(reading, readable, expected, last, anchor, past, newest, bounds
     return code
 
 
-@jit
+@part
 def _finite(reading, tolerance):
     for row in range(3):
         for j in range(reading.shape[1]):

@@ -16,7 +16,7 @@ the ball of the interpolated centre and radius.
 import numpy as np
 
 from jssa_gym.kernels.capsules import capsule_pair
-from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.jit import part
 from jssa_gym.kernels.records import PIECES
 from jssa_gym.kernels.vector import dot
 
@@ -24,7 +24,7 @@ UNCONFIRMED, STEADY, SWERVED = 0, 1, -1
 """Whether a body part has kept its acceleration bound: nobody has seen it, from sample to sample so far, not always."""
 
 
-@jit
+@part
 def confine_people(people, age, lag, error, tracks, confined):
     """Take down what the closer sets are made of.
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jssa_gym.kernels.capsules import capsule_pair
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.vector import along
 
 
@@ -27,7 +27,7 @@ def nearest_to_point(point, start, end, radius):
     return nearest, closest
 
 
-@jit
+@part
 def nearest_to_walker(start, end, radius, x, y, link_start, link_end, link_radius):
     """The robot capsule that a standing body can touch soonest by walking.
 

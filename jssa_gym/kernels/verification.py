@@ -98,7 +98,7 @@ def _changed(start, end, radius, normal, offset, statics, planes):
     return 0
 
 
-@jit
+@part
 def load_people(start, end, radius, speed, age, lag, error, agents, reach):
     """People into records, and how far they can have come since they were measured.
 

@@ -63,6 +63,7 @@ class Batch:
         self._robot, self._settings, self._proposal = robot, settings, filter.proposal
         self._arms: Any = None
         self._all = np.ones(count, np.bool_)
+        filter.compile_ahead()
 
     @property
     def arms(self) -> Any:

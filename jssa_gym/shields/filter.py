@@ -172,8 +172,9 @@ class SafetyFilter:
     def compile_ahead(self) -> None:
         """Let a second process begin to compile what the first step needs; nothing if that is cached."""
         # a user's own filter is no other process's to import
-        if self.compiled and type(self.proposal).__module__.startswith("jssa_gym."):
-            compile_parts(self.records.view.arms, self.records.view.nominal, ONE)
+        if self.compiled and type(self).__module__.startswith("jssa_gym."):
+            records = vars(self).get("records") or self._new_records()
+            compile_parts(records.view.arms, records.view.nominal, ONE)
 
     # ---- records -------------------------------------------------------------------------------------
 
@@ -217,6 +218,9 @@ class SafetyFilter:
     @cached_property
     def records(self) -> Records:
         """What the control step reads, remembers and answers; made when it is needed first."""
+        return self._new_records()
+
+    def _new_records(self) -> Records:
         # copies: arrays for reading alone are of another type to kernels, and those of a filter's copy are none
         robot = self.robot
         parts = (np.array(part) for part in (robot.links, robot.capsules, robot.self_pairs))
