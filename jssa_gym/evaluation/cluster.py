@@ -24,7 +24,7 @@ Play = Callable[[Work], Iterable[Result]]
 
 INSTALL = "pip install 'jssa-gym[ray]', or pip install -e '.[ray]' in a clone"
 
-_AGAIN = 3
+AGAIN = 3
 """How often a chunk is begun anew whose worker died."""
 
 _STARTS = 4
@@ -82,7 +82,7 @@ class Cluster:
         """
         ray = self._connected()
         todo, under_way = deque(chunks), []
-        task = ray.remote(num_cpus=1, max_retries=_AGAIN)(_played)
+        task = ray.remote(num_cpus=1, max_retries=AGAIN)(_played)
         setting = ray.put((tuple(sys.path), str(Path.cwd()), source_hash()))
         given = ray.put(pickle.dumps(play))
         try:

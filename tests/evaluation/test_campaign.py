@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from picklable import killed
+from picklable import dying_first, killed
 from places import PATIENCE, environment
 
 from jssa_gym import plots
@@ -142,9 +142,20 @@ def test_a_folder_of_another_campaign_is_refused(finished, monkeypatch, field):
 
 
 @pytest.mark.long
-def test_a_killed_worker_is_one_line_that_says_how_to_go_on():
+def test_work_of_a_process_that_is_killed_is_begun_anew_and_handed_over_once(tmp_path):
+    found = []
+    run(dying_first, [(number, tmp_path) for number in range(3)], 2, found.append)
+    assert (tmp_path / "died").exists()
+    assert sorted(found) == [[0, 0], [1, 10], [2, 20]]
+
+
+@pytest.mark.long
+def test_processes_that_are_killed_again_and_again_are_one_line_that_says_how_to_go_on():
+    found = []
     with pytest.raises(WorkerError, match="same call goes on"):
-        run(killed, range(3), 2, lambda _: None)
+        run(killed, range(3), 2, found.extend)
+    assert set(found) <= {0, 2}
+    assert len(set(found)) == len(found)
 
 
 @pytest.mark.long
