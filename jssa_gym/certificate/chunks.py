@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,6 @@ from jssa_gym.evaluation.cluster import Cluster
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.jit import source_hash
 from jssa_gym.storage import append_whole, refused, whole_lines, write_whole
-
-Counted = TypeVar("Counted")
 
 Key = tuple[str, int, int]
 """Capsule, number of the chunk, and its states."""
@@ -51,17 +49,17 @@ class StateChunk(NamedTuple):
         return Census.of(self.boundary, looks, draws)
 
 
-Count = Callable[[StateChunk], Counted]
+Count = Callable[[StateChunk], Any]
 """What is made of a chunk; a function of a module, for other machines to find."""
 
 
-def _counted(count: Count[Counted], chunk: StateChunk) -> Iterator[tuple[StateChunk, Counted]]:
+def _counted(count: Count, chunk: StateChunk) -> Iterator[tuple[StateChunk, Any]]:
     yield chunk, count(chunk)
 
 
 def run(
-    chunks: Sequence[StateChunk], jobs: int | Cluster, count: Count[Counted] = StateChunk.census
-) -> Iterator[tuple[StateChunk, Counted]]:
+    chunks: Sequence[StateChunk], jobs: int | Cluster, count: Count = StateChunk.census
+) -> Iterator[tuple[StateChunk, Any]]:
     """Chunks with their censuses, as they end.
 
     Args:
@@ -77,7 +75,7 @@ def run(
         yield from ((chunk, count(chunk)) for chunk in chunks)
         return
     with ThreadPoolExecutor(jobs) as pool:
-        waiting: dict[Future[Counted], StateChunk] = {}
+        waiting: dict[Future[Any], StateChunk] = {}
         try:
             todo = iter(chunks)
             while True:

@@ -176,8 +176,7 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
         for name in dict.fromkeys(row.group[by.index("filter")] for row in rows):
             if without := contender(name).without:
                 console.say(f"{name}: full without {without}")
-    chosen = ledger.plan.robot if isinstance(ledger.plan, Campaign) else DEFAULT
-    robot = "" if chosen == DEFAULT else f" --robot {shlex.quote(chosen)}"
+    same = _options(ledger.plan)
     for episode in sorted(broken, key=lambda e: -e.severity)[:10]:
         what = "MuJoCo disagrees" if not episode.agrees else f"{episode.judged_speed or episode.contact_speed:.3g} m/s"
         names = " ".join(
@@ -186,8 +185,17 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
         )
         console.say(
             f"broken ({what}, {episode.violations} violations, {episode.overlaps} overlaps): jssa-gym stress {names} "
-            f"--episodes 1 --seed {episode.seed} --judge 1 --out again{robot}"
+            f"--episodes 1 --seed {episode.seed} --judge 1 --out again{same}"
         )
+
+
+def _options(plan: Any) -> str:
+    """Of a command that plays episodes of a campaign again: what is not as ever."""
+    if not isinstance(plan, Campaign):
+        return ""
+    chosen = {"task": (plan.task, Stress.task), "robot": (plan.robot, DEFAULT)}
+    chosen["seconds"] = (f"{plan.steps * DT:g}", f"{Stress.seconds:g}")
+    return "".join(f" --{name} {shlex.quote(value)}" for name, (value, usual) in chosen.items() if value != usual)
 
 
 def _curves(episodes: Sequence[StressRow]) -> tuple[plots.Curve, plots.Curve]:

@@ -48,8 +48,7 @@ class Train:
 
     A training that was interrupted, in whatever way, goes on where it stopped when the same command is given again. The
     folder gets best.npz and last.npz, which `jssa-gym evaluate --policy` takes, history.csv, TensorBoard's logs, and a
-    film of the best policy at the end. The tuned training of reach takes about half an hour of one core, evaluations
-    not counted.
+    film of the best policy at the end. The tuned trainings of reach take about five minutes of one core.
     """
 
     task: str = "reach"

@@ -8,7 +8,8 @@
 - measure: ``rows`` are episodes in numbers; ``metrics`` has them from ``steps``, ``motion``, ``geometry`` and
   ``counterfactual``.
 - judge: ``judge`` plays a trace again with MuJoCo, its ``oracle``, and says a ``judgement``.
-- report: ``report``, ``standings`` and ``slowdown`` with the intervals of ``statistics``; ``html`` is the page.
+- report: ``report``, ``standings`` and ``slowdown`` with the intervals of ``statistics``; ``comparison_page`` is the
+  page, whose drawings are ``svg``.
 """
 
 from jssa_gym.evaluation.cluster import Cluster

@@ -32,7 +32,7 @@ _LAST_BREATH = 2.0
 """How long a worker without work may take to end [s]."""
 
 
-class _Death(WorkerError):
+class _DeathError(WorkerError):
     """A process that was at work ended; what it worked on can be begun anew by another."""
 
 
@@ -139,10 +139,12 @@ class _Worker:
         self.process.join(_LAST_BREATH)
         code = self.process.exitcode
         if code is not None and code >= 0:
-            return _Death(f"a worker process ended by itself; {GOES_ON}") if self._begun else WorkerError(
-                f"{UNABLE}; or use jobs=1"
+            return (
+                _DeathError(f"a worker process ended by itself; {GOES_ON}")
+                if self._begun
+                else WorkerError(f"{UNABLE}; or use jobs=1")
             )
-        return _Death(f"a worker process was killed, most likely for want of memory; {GOES_ON}; use fewer jobs")
+        return _DeathError(f"a worker process was killed, most likely for want of memory; {GOES_ON}; use fewer jobs")
 
     def drain(self) -> None:
         """Take in what it had sent before it ended."""
@@ -172,8 +174,8 @@ def run(
 ) -> None:
     """Play chunks, in other processes if there is more than one job, or on a cluster.
 
-    A chunk whose process dies is begun anew in another. Ctrl-C, or an error, ends it within moments: chunks under way are given up, and ``done`` gets what was finished of
-    them.
+    A chunk whose process dies is begun anew in another. Ctrl-C, or an error, ends it within moments: chunks under way
+    are given up, and ``done`` gets what was finished of them.
 
     Args:
         play: Plays one, result by result; with several jobs it and the chunks have to be picklable, since processes are
@@ -225,7 +227,7 @@ def _share_out(
         workers.append(worker := _Worker(play, interrupts))
         busy[worker.link] = worker
 
-    def bury(worker: _Worker, death: _Death) -> None:
+    def bury(worker: _Worker, death: _DeathError) -> None:
         chunk, deaths = worker.task
         if deaths == AGAIN:
             raise death
@@ -251,7 +253,7 @@ def _share_out(
                         worker.give(todo.popleft())
                     else:
                         del busy[link]
-                except _Death as death:
+                except _DeathError as death:
                     bury(worker, death)
                 finally:
                     hand_over(results)

@@ -53,7 +53,10 @@ class VectorShield(VectorWrapper):
     def __init__(self, env: VectorEnv, filter: SafetyFilter | str | Mapping[str, Any]) -> None:
         super().__init__(env)
         if missing := [name for name in _NEEDED if not hasattr(env, name)]:
-            raise InterfaceError(f"{env} has no {', '.join(missing)}: a vector shield goes around a VectorArmEnv")
+            raise InterfaceError(
+                f"{env} has no {', '.join(missing)}: a vector shield goes around a VectorArmEnv itself, and wrappers "
+                "around the shield"
+            )
         self._arms: Any = env
         one = self._arms.prototype
         if isinstance(filter, str):

@@ -15,7 +15,7 @@ from picklable import dying_first, killed
 from places import PATIENCE, environment
 
 from jssa_gym import plots
-from jssa_gym.cli.stress import Stress, _curves
+from jssa_gym.cli.stress import Stress, _curves, _options
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
@@ -156,6 +156,11 @@ def test_processes_that_are_killed_again_and_again_are_one_line_that_says_how_to
         run(killed, range(3), 2, found.extend)
     assert set(found) <= {0, 2}
     assert len(set(found)) == len(found)
+
+
+def test_a_broken_episode_s_command_plays_that_episode():
+    assert _options(replace(TINY, steps=1000)) == ""
+    assert _options(replace(TINY, task="reach", robot="ur5e")) == " --task reach --robot ur5e --seconds 2.8"
 
 
 @pytest.mark.long
