@@ -138,13 +138,12 @@ class _Worker:
     def _gone(self) -> WorkerError:
         self.process.join(_LAST_BREATH)
         code = self.process.exitcode
-        if code is not None and code >= 0:
-            return (
-                _DeathError(f"a worker process ended by itself; {GOES_ON}")
-                if self._begun
-                else WorkerError(f"{UNABLE}; or use jobs=1")
-            )
-        return _DeathError(f"a worker process was killed, most likely for want of memory; {GOES_ON}; use fewer jobs")
+        killed = code is None or code < 0
+        if not (self._begun or killed):
+            return WorkerError(f"{UNABLE}; or use jobs=1")
+        how = "was killed, most likely for want of memory" if killed else "ended by itself"
+        error = _DeathError if self._begun else WorkerError  # one that had no work leaves none behind
+        return error(f"a worker process {how}; {GOES_ON}{'; use fewer jobs' if killed else ''}")
 
     def drain(self) -> None:
         """Take in what it had sent before it ended."""

@@ -110,7 +110,7 @@ class ArmVecEnv(VecEnv):
 
     def reset(self) -> VecEnvObs:
         """Reset all environments, with the seeds of :meth:`seed`."""
-        observations, _ = self._env.reset(seed=self._seeds)
+        observations, _ = self._env.reset(seed=self._seeds)  # ty: ignore[invalid-argument-type]  # or a list
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
