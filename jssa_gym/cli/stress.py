@@ -16,7 +16,7 @@ from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import ticks
 from jssa_gym.cli.files import own_folder, write_figure
-from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, WRONG
+from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, TASK, WRONG
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.arm import DT
@@ -55,8 +55,7 @@ class Stress:
     """Of every combination."""
     out: Path = Path("stress")
     """Folder for the results; a campaign that is there already is continued."""
-    task: Literal["home", "reach", "track", "handover", "deliver"] = "home"
-    """Task of the environment."""
+    task: Annotated[str, TASK] = "home"
     robot: Annotated[str, ROBOT] = DEFAULT
     seconds: float = 8.0
     """Length of an episode."""
