@@ -45,7 +45,7 @@ def live_camera(robot: RobotModel, human: HumanMotion, aspect: float) -> Camera:
                 people.append(around(robot, now, _CLOSE))
             now = who.step(_STEP, arm)
     points, radius = balls_of(people)
-    reach = _SHARE * _reach(robot)
+    reach = _SHARE * reach_of(robot)
     middle = robot.mount + np.array([0.0, 0.0, 0.4 * reach])
     return framing(np.vstack([points, middle]), np.append(radius, reach), _AZIMUTH, aspect=aspect)
 
