@@ -232,3 +232,10 @@ def test_public_names_are_what_they_say():
         assert getattr(jssa_gym, name) is not None
     with pytest.raises(AttributeError, match="no_such_name"):
         jssa_gym.no_such_name  # noqa: B018
+
+
+def test_tests_stand_where_what_they_test_does():
+    tests = Path(__file__).parent
+    packages = [place.parent.name for place in sorted(PACKAGE.glob("*/__init__.py"))]
+    assert len(packages) > 20
+    assert [name for name in packages if not any((tests / name).glob("test_*.py"))] == []

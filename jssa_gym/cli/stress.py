@@ -189,7 +189,7 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
 
 
 def _options(plan: Any) -> str:
-    """Of a command that plays episodes of a campaign again: what is not as ever."""
+    """Options of a command that plays episodes of a campaign again: those that are not as ever."""
     if not isinstance(plan, Campaign):
         return ""
     chosen = {"task": (plan.task, Stress.task), "robot": (plan.robot, DEFAULT)}
