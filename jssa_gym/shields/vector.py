@@ -38,7 +38,8 @@ class VectorShield(VectorWrapper):
 
     What environment ``e`` gives is what ``Shield(env, filter)`` around a single one gives, bit for bit. ``infos`` has
     the same keys but for the words, ``shield/reason`` and ``shield/kind``: :meth:`reasons` and :meth:`kinds` say them
-    of the last step; ``shield/reason_code`` is there.
+    of the last step; ``shield/reason_code`` is there. Where an episode begins anew in the very step that ends another,
+    ``infos["final_info"]`` has the words of the end.
 
     Args:
         env: A :class:`~jssa_gym.envs.vector.VectorArmEnv`.
@@ -130,10 +131,19 @@ class VectorShield(VectorWrapper):
         began = self._arms.began
         if began.any():
             if "final_info" in infos:
-                infos["final_info"] |= as_infos({key: value.copy() for key, value in values.items()}, began)
+                last = {key: value.copy() for key, value in values.items()} | self._said(began)
+                infos["final_info"] |= as_infos(last, began)
             for key, value in self._begin(began).items():
                 values[key][began] = value[began]
         return observations, rewards, terminated, truncated, infos | as_infos(values, np.ones_like(began))
+
+    def _said(self, which: Mask) -> dict[str, NDArray[Any]]:
+        """What is said in words of the last step to some arms; nobody can ask once they have begun anew."""
+        reasons, kinds = np.full((2, self.num_envs), "", object)
+        for e in np.flatnonzero(which).tolist():
+            reasons[e] = self.reason(e)
+        kinds[which] = np.array(KINDS, object)[self.kind_codes()[which]]
+        return {"shield/reason": reasons, "shield/kind": kinds}
 
     @property
     def nominal(self) -> Array:
