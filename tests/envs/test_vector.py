@@ -1,6 +1,7 @@
 """Many environments at once: each gives what a single one gives that was reset with the same seed, bit for bit."""
 
 import copy
+import itertools
 import pickle
 
 import gymnasium as gym
@@ -243,6 +244,14 @@ def test_a_hundred_thousand_steps_are_as_alone(task, shield):
         Pair(8, task, shield, human=human, mode=MODES[seed % 3], limit=250).play(
             125 if shield == {} else 1250, seed=seed
         )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_beside_everybody_behind_every_filter_is_as_alone(task):
+    people = [human for human in HUMANS if (task, human) != ("handover", "none")]
+    for k, (human, shield) in enumerate(itertools.product(people, FILTERED)):
+        Pair(2, task, shield, human=human, mode=MODES[k % 3], limit=25).play(40, seed=k)
 
 
 # ---- seeds, and who begins when ----------------------------------------------------------------------
