@@ -10,6 +10,10 @@ if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.env
 # two threads that wait for each other are slower than one on networks of this size; before torch is imported
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+# each of several workers compiles a part of what all need, see pytest_collection_finish
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("JSSA_GYM_SECOND_COMPILER", "0")
+
 import functools
 import shutil
 import tempfile

@@ -24,6 +24,8 @@ from numba.core.caching import (
     _SourceFileBackedLocatorMixin,
 )
 
+from jssa_gym.kernels import second
+
 _logger = logging.getLogger("jssa_gym")
 
 
@@ -114,9 +116,25 @@ class KernelCache(FunctionCache):
         super().__init__(function)
         stamp = self._impl.locator.get_source_stamp()
         self._cache_file = _Entries(self._cache_path, self._impl.filename_base, stamp)
-        self._writable = writable
+        self._writable, self._kernel = writable, second.full_name(function)
+
+    def holds(self, sig: Any, target_context: Any) -> bool:
+        """Whether machine code of a signature is there, by the index."""
+        return self._index_key(sig, target_context.codegen()) in self._cache_file._load_index()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = self._load(sig, target_context)
+        if found is None and any(other.has_compiled((self._kernel, sig)) for other in second.running):
+            found = self._load(sig, target_context)
+        if found is not None:
+            self._tell(sig)
+        return found
+
+    def _tell(self, sig: Any) -> None:
+        for other in second.running:
+            other.tell_of((self._kernel, sig))
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # whatever a file makes of itself, the kernel can be compiled
@@ -131,3 +149,4 @@ class KernelCache(FunctionCache):
         except OSError as error:
             reason = error.strerror or error
             _warn(f"Compiled kernels cannot be kept in %s ({reason}): the next start compiles anew.", self._cache_path)
+        self._tell(sig)

@@ -1,11 +1,16 @@
-"""Tells the user about slow starts: compiling the kernels."""
+"""Slow starts, compiling the kernels: tells the user, and has a second process help."""
 
 import logging
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from numba import config
 
+from jssa_gym.kernels import second
 from jssa_gym.kernels.jit import CACHE_DIRECTORY, CACHE_IS_TEMPORARY, CACHE_IS_WRITABLE
 
 _logger = logging.getLogger("jssa_gym")
@@ -48,3 +53,40 @@ def _is_cached(kernel: Any) -> bool:
             return False
         _cached.add(kernel)
     return True
+
+
+def compile_together(kernel: Any, types: tuple[Any, ...], parts: Callable[[], Sequence[tuple[Any, tuple]]]) -> None:
+    """Let a second process compile parts of a kernel, into the same cache, while this one goes on.
+
+    Not where ``JSSA_GYM_SECOND_COMPILER=0``, a single core, or a cache that cannot be written to says no, nor in
+    workers, which may be many.
+
+    Args:
+        kernel: What this process will compile.
+        types: Its arguments, as numba types.
+        parts: Makes those of its parts that are worth it, each with the types of its arguments; in the order in which
+            they will be needed.
+    """
+    if config.DISABLE_JIT or CACHE_DIRECTORY is None or types in kernel.overloads:
+        return
+    if kernel._cache.holds(types, kernel.targetctx) or not _can_be_two():
+        return
+    try:
+        if not any(other.runs for other in second.running):
+            second.running[:] = [second.Second(CACHE_DIRECTORY.parent)]
+        whole, *asked = [(second.full_name(part.py_func), of) for part, of in ((kernel, types), *parts())]
+        second.running[0].ask(whole, asked)
+    except Exception:  # it is of no consequence but for time
+        _logger.debug("no second process compiles", exc_info=True)
+
+
+def _can_be_two() -> bool:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return (
+        cores > 1
+        and CACHE_IS_WRITABLE
+        and os.environ.get("JSSA_GYM_SECOND_COMPILER", "1") != "0"
+        and multiprocessing.parent_process() is None
+        # not a program that has Python inside
+        and Path(sys.executable or "").name.startswith("python")
+    )

@@ -21,7 +21,7 @@ import numpy as np
 
 from jssa_gym.kernels.capsules import capsule_pair, common_pair, plane_pair, stands
 from jssa_gym.kernels.chain import forward, move_axes, place, point_on, set_moving
-from jssa_gym.kernels.jit import inlined, jit
+from jssa_gym.kernels.jit import inlined, jit, part
 from jssa_gym.kernels.lanes import LANES, lanes
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.vector import add, along, cross, dot, scale, subtract
@@ -320,7 +320,7 @@ def _pair_index(robot, agents, planes, j, index):
     return distance, s, 0.0, phi
 
 
-@jit
+@part
 def reassess(links, capsules, state, agents, planes, index, above, ahead, frames, segments, now):
     """Index at a joint state (3, n) of the pairs that one step ahead is above a level.
 
@@ -350,7 +350,7 @@ def advance(agents, tau):
             agent["end"][k] += tau * agent["end_velocity"][k]
 
 
-@jit
+@part
 def _exact_row(frames, segment, s, gradient, tau, row):
     """Minus the derivative of the index one step ahead by the joint jerks, into ``row`` (n,)."""
     p, v, a = point_on(segment, s)

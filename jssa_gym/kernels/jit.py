@@ -6,6 +6,7 @@ Numba's own cache does not see a change in a callee that lives in another file. 
 therefore keyed by a hash of all kernel sources, so that an edit or an upgrade can never run stale code.
 """
 
+import gc
 import hashlib
 import os
 import stat
@@ -17,6 +18,7 @@ from types import FunctionType
 from typing import Any
 
 from numba import config, njit
+from numba.core import event
 
 from jssa_gym.kernels.cache import KernelCache
 
@@ -88,6 +90,31 @@ if CACHE_IS_TEMPORARY:
 
 CACHE_IS_WRITABLE = CACHE_DIRECTORY is not None and os.access(CACHE_DIRECTORY, os.W_OK)
 """If not, what is cached is used all the same."""
+
+
+class _FewerCollections(event.Listener):
+    """While kernels are compiled Python looks for garbage less often: there is much, and hardly any in circles."""
+
+    seldom = 50_000
+    """New objects from which on it looks."""
+
+    def __init__(self) -> None:
+        self._depth, self._before = 0, gc.get_threshold()
+
+    def on_start(self, event: event.Event) -> None:
+        if self._depth == 0:
+            self._before = gc.get_threshold()
+            if 0 < self._before[0] < self.seldom:
+                gc.set_threshold(self.seldom, *self._before[1:])
+        self._depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            gc.set_threshold(*self._before)
+
+
+event.register("numba:compile", _FewerCollections())
 
 # nobody calls kernels from C: without those wrappers everything compiles faster
 _FLAGS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}

@@ -82,7 +82,7 @@ def margin(robot, motion, ticks, around, work):
     return least
 
 
-@jit
+@part
 def clears_people(robot, motion, ticks, room, work):
     """Whether a margin of ``room`` [m] says that people are kept off, between the moments that it looks at too.
 

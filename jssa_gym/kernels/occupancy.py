@@ -16,7 +16,7 @@ the ball of the interpolated centre and radius.
 import numpy as np
 
 from jssa_gym.kernels.capsules import capsule_pair
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.records import PIECES
 from jssa_gym.kernels.vector import dot
 
@@ -59,7 +59,7 @@ def is_confined(one):
     return one["slower"][0] > 0.0 or one["slower"][1] > 0.0 or one["acceleration"] > 0.0
 
 
-@jit
+@part
 def apart_for(part, radii, one, reach, speed, rate, t):
     """How long a pair that the plain capsule may close is apart nevertheless [s]; 0 or less, or NaN, if it may not be.
 
@@ -81,7 +81,7 @@ def apart_for(part, radii, one, reach, speed, rate, t):
     return lasts
 
 
-@jit
+@part
 def _apart_tapered(part, radii, one, reach, speed, rate, t):
     """Of pieces, each of which grows as fast as its faster end: the shortest time of any."""
     shortest, slower, knots = np.inf, one["slower"], one["knots"]
@@ -97,7 +97,7 @@ def _apart_tapered(part, radii, one, reach, speed, rate, t):
     return shortest
 
 
-@jit
+@part
 def _apart_swerving(part, radii, one, rate, t):
     """Of a capsule that moves on as it was measured to, and grows by what its acceleration can add."""
     late, moved, a = one["late"], one["moved"], one["acceleration"]

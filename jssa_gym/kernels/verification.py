@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from jssa_gym.kernels import lanes as together
 from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, plane_pair, put_balls, stands
 from jssa_gym.kernels.chain import place_axes, place_present, pose
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.lanes import LANES, lanes
 from jssa_gym.kernels.occupancy import apart_for, is_confined
 from jssa_gym.kernels.records import FACE, records
@@ -122,7 +122,7 @@ def load_people(start, end, radius, speed, age, lag, error, agents, reach):
         reach[k] = speed[k] * (age[k] + lag) + error
 
 
-@jit
+@part
 def keeps_limits(state, jerk, after, plan, bounds, dt):
     """Whether one step at ``jerk`` and the stop after it stay inside all joint limits, at every instant."""
     q, v, a, u, low, high, V = lanes(), lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
@@ -216,7 +216,7 @@ class Around(NamedTuple):
     """How fast they come [m/s]."""
 
 
-@jit
+@part
 def beside_people(around):
     """The same without anybody, who is or could come: what stands still, and the arm itself."""
     return Around(

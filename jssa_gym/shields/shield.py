@@ -126,6 +126,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         if filter.failsafe is not None:
             tell_of_fast_people(env, filter.failsafe)
         self.filter = copy.deepcopy(filter)
+        self.filter.compile_ahead()
         self.last_decision: Decision | None = None
         self._offered: Offered | None = None
         self._jerk_bound = np.array(robot.limits.jerk)

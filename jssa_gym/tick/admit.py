@@ -102,7 +102,7 @@ def _entered(settings, memory, e):
     return entered(settings, since + settings.lag, settings.position_error + settings.astray)
 
 
-@jit
+@part
 def keeps_safe(robot, settings, memory, jerk, hardness, work, e):
     """:func:`verify`, where nothing is known of the room that the stop leaves to people."""
     return verify(robot, settings, memory, jerk, hardness, np.nan, work, e)
@@ -181,7 +181,7 @@ def share_of(room):
     return min(max(room / EASY, 0.0), 1.0) if room > 0.0 else 0.0
 
 
-@jit
+@part
 def blend(memory, wanted, share, limits, jerk, e):
     r"""What is wanted, turned towards the stored stop, into ``jerk`` (n,): :math:`u = b + w (u_w - b)`.
 
@@ -295,7 +295,7 @@ def confirm(robot, settings, memory, work, answer, e):
     return 0
 
 
-@jit
+@part
 def admits(robot, settings, memory, jerk, work, answer, e):
     """Whether a soft stop behind ``jerk`` (n,) is verified, which then is the stored one.
 

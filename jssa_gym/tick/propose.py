@@ -143,7 +143,7 @@ def meet_people(arms, e):
     return meet(arms.proposal)(arms.settings, arms.memory, arms.scene, arms.work, e)
 
 
-@jit
+@part
 def leaves_alone(arms, jerk, told, e):
     """Whether the filter would apply ``jerk`` (n,), which ``work.clipped`` is, as it is."""
     begin(arms.work, told)

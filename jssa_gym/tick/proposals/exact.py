@@ -7,7 +7,7 @@ import numpy as np
 from jssa_gym.kernels.capsules import nearest
 from jssa_gym.kernels.chain import place_present
 from jssa_gym.kernels.index import Index, advance, assess, exact_rows, reassess
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.projection import violation
 from jssa_gym.tick import codes
 from jssa_gym.tick.proposals.rows import PROJECT, of_rows
@@ -95,7 +95,7 @@ def look_ahead(robot, settings, proposal, memory, jerk, work, told, e):
     return worst, kept
 
 
-@jit
+@part
 def move_back(settings, work):
     """Where everybody whom rows see is at the beginning of the step, into ``work.agents_now``, from its end."""
     advance(work.agents, -settings.dt)
@@ -114,7 +114,7 @@ def look_back(robot, proposal, state, above, work):
     )  # fmt: skip
 
 
-@jit
+@part
 def rows_at(robot, settings, proposal, jerk, only, above, work):
     """Make the rows, linearised at ``jerk`` after :func:`look_ahead` at it.
 

@@ -1,0 +1,162 @@
+"""A second process that compiles parts of a large kernel while this one compiles the rest, into the same cache.
+
+It is of no consequence but for time: what it has not compiled, for whatever reason, is compiled here. It ends with the
+process that started it, and as soon as the large kernel is compiled.
+"""
+
+import atexit
+import contextlib
+import importlib
+import os
+import pickle
+import queue
+import selectors
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+LONGEST = 60.0
+"""How long this process waits for a part that the other one has begun [s]."""
+
+_IDLE = 30.0
+"""After so long without a part to compile the other one ends [s]."""
+
+Part = tuple[str, tuple[Any, ...]]
+"""A kernel's full name, and the types of its arguments."""
+
+
+def full_name(function: Any) -> str:
+    """Of a kernel's Python function."""
+    return f"{function.__module__}:{function.__qualname__}"
+
+
+class Second:
+    """The second process.
+
+    Args:
+        cache: Where the folders of all versions of the kernels are.
+    """
+
+    def __init__(self, cache: Path) -> None:
+        self._owner, self._whole, self._numbers, self._said = os.getpid(), set[Part](), dict[Part, int](), b""
+        paths = [str(Path(__file__).parents[2]), *filter(None, sys.path)]
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-W", "ignore", "-m", "jssa_gym.kernels.second"],
+            bufsize=0,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": os.pathsep.join(paths)},
+        )
+        atexit.register(self.close)
+
+    @property
+    def runs(self) -> bool:
+        """Whether it can be asked for more."""
+        return self._owner == os.getpid() and self._process.poll() is None
+
+    def ask(self, whole: Part, parts: Sequence[Part]) -> None:
+        """Let it compile parts of something, in this order, while this process compiles the whole."""
+        new = [part for part in parts if part not in self._numbers]
+        numbers = dict(zip(new, range(len(self._numbers), len(self._numbers) + len(new)), strict=True))
+        self._whole.add(whole)
+        self._numbers |= numbers
+        self._write(f"compile {pickle.dumps(numbers).hex()}")
+
+    def has_compiled(self, part: Part) -> bool:
+        """Whether a part is compiled there; if that has begun, it is waited for, else it is left to this process."""
+        if self._owner != os.getpid() or part not in self._numbers:
+            return False
+        number = self._numbers[part]
+        self._read(0.0)
+        if not self._has_said("begun", number):
+            self._write(f"leave {number}")
+            return False
+        deadline = time.monotonic() + LONGEST
+        while not self._has_said("done", number) and (left := deadline - time.monotonic()) > 0.0 and self._read(left):
+            pass
+        return self._has_said("done", number)
+
+    def tell_of(self, kernel: Part) -> None:
+        """Tell it that this process has compiled something; after the last whole it ends."""
+        if kernel in self._whole:
+            self._whole.discard(kernel)
+            if not self._whole:
+                self.close()
+
+    def close(self) -> None:
+        """End it, if it has not ended."""
+        if self._owner != os.getpid():  # a fork's copy
+            return
+        atexit.unregister(self.close)
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+    def _has_said(self, what: str, number: int) -> bool:
+        return f"{what} {number}\n".encode() in self._said
+
+    def _write(self, line: str) -> None:
+        pipe = self._process.stdin
+        if pipe is not None and not pipe.closed:
+            with contextlib.suppress(OSError):  # it has ended
+                pipe.write(f"{line}\n".encode())
+
+    def _read(self, seconds: float) -> bool:
+        """Take down what it says within so many seconds; False once it has ended."""
+        pipe = self._process.stdout
+        if pipe is None or pipe.closed:
+            return False
+        with selectors.DefaultSelector() as selector:
+            selector.register(pipe, selectors.EVENT_READ)
+            if not selector.select(seconds):
+                return True
+        said = os.read(pipe.fileno(), 65536)
+        self._said += said
+        if not said:
+            self.close()
+        return bool(said)
+
+
+running: list[Second] = []
+"""The one that was started last, if any."""
+
+
+# ---- the other side ----------------------------------------------------------------------------------
+
+
+def _listen(asked: queue.Queue[bytes], left: set[int]) -> None:
+    for line in sys.stdin:
+        what, value = line.split()
+        if what == "leave":
+            left.add(int(value))
+        else:
+            asked.put(bytes.fromhex(value))
+    os._exit(0)  # whoever has started this has ended
+
+
+def main() -> None:
+    """Compile what is asked for, and say so."""
+    answers = os.dup(1)
+    os.dup2(2, 1)  # whatever else is written belongs to nobody
+    asked: queue.Queue[bytes] = queue.Queue()
+    left: set[int] = set()
+    threading.Thread(target=_listen, args=(asked, left), daemon=True).start()
+    with contextlib.suppress(queue.Empty):
+        while True:
+            for (name, types), number in pickle.loads(asked.get(timeout=_IDLE)).items():
+                if number not in left:
+                    os.write(answers, f"begun {number}\n".encode())
+                    module, _, kernel = name.partition(":")
+                    getattr(importlib.import_module(module), kernel).compile(types)
+                    os.write(answers, f"done {number}\n".encode())
+
+
+if __name__ == "__main__":
+    main()
