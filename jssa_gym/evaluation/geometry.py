@@ -207,12 +207,15 @@ def _energy_ratios(trace: Trace, robot: RobotModel, touching: Touching) -> Array
     moving = np.flatnonzero(~(touching.approach <= MOVING_IN))
     if not len(moving):
         return ratios
-    inertia = Inertia(robot)
-    for c in moving:
-        step, i, j, point, normal, approach = (values[c] for values in touching)
-        part = trace.human_names[j]
-        mass = inertia.mass(trace.position[step], i, point, normal) if normal.any() else np.inf
-        human = mass_of(part)
-        reduced = human / (1.0 + human / mass)
-        ratios[c] = 0.5 * reduced * approach**2 / energy_limit(part)
+    inertia, mass = Inertia(robot), np.full(len(moving), np.inf)
+    for k, c in enumerate(moving.tolist()):
+        step, i, _, point, normal, _ = (values[c] for values in touching)
+        if normal.any():
+            mass[k] = inertia.mass(trace.position[step], i, point, normal)
+    part = touching.human[moving]
+    human, limit = (np.array([of(name) for name in trace.human_names])[part] for of in (mass_of, energy_limit))
+    reduced = human / (1.0 + human / mass)
+    # one by one: the power of a number is the C library's, that of an array is not, and what was stored stays
+    squared = np.array([speed**2 for speed in touching.approach[moving].tolist()])
+    ratios[moving] = 0.5 * reduced * squared / limit
     return ratios
