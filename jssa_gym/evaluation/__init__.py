@@ -2,8 +2,8 @@
 
 - plan: ``plan`` says what every plan offers, ``study`` has evaluations, ``campaign`` what is to break shields, with
   the ``contenders`` of both; ``policy`` and ``identity`` tell what is played from anything else.
-- play: ``play`` has the one player of all plans, ``runner`` finishes a plan with workers of ``jssa_gym.engine``, and the
-  ``ledger`` is what it leaves in a folder and goes on from.
+- play: ``play`` has the one player of all plans, ``runner`` finishes a plan with workers of ``jssa_gym.engine``, and
+  the ``ledger`` is what it leaves in a folder and goes on from.
 - record: ``rollout`` makes a trace of an episode and ``trace`` keeps it; ``record`` is for training loops.
 - measure: ``rows`` are episodes in numbers; ``metrics`` has them from ``steps``, ``motion``, ``geometry`` and
   ``counterfactual``.
