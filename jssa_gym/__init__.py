@@ -194,8 +194,20 @@ __all__ = [
 
 
 _PACKAGES = (
-    *("board", "certificate", "control", "datasets", "envs", "evaluation", "guard", "hardware", "humans", "paper"),
-    *("perception", "plots", "policies", "robots", "safety", "shields", "train", "types", "viewer"),
+    *(
+        "board",
+        "certificate",
+        "control",
+        "datasets",
+        "engine",
+        "envs",
+        "evaluation",
+        "guard",
+        "hardware",
+        "humans",
+        "paper",
+    ),
+    *("paper", "perception", "plots", "policies", "robots", "safety", "shields", "train", "types", "viewer"),
 )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from jssa_gym.certificate.boundary import Boundary
 from jssa_gym.certificate.census import Census
-from jssa_gym.evaluation.cluster import Cluster
+from jssa_gym.engine.cluster import Cluster
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.jit import source_hash
 from jssa_gym.storage import append_whole, refused, whole_lines, write_whole

@@ -11,7 +11,7 @@ from jssa_gym.certificate.boundary import Boundary, Domain
 from jssa_gym.certificate.census import Census
 from jssa_gym.certificate.certify import moved_capsules
 from jssa_gym.certificate.chunks import StateChunk, run
-from jssa_gym.evaluation.cluster import Cluster, whose
+from jssa_gym.engine.cluster import Cluster, whose
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.feasibility import probe

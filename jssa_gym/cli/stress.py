@@ -19,10 +19,10 @@ from jssa_gym.cli.files import own_folder, write_figure
 from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, TASK, WRONG
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
+from jssa_gym.engine.cluster import Cluster
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
-from jssa_gym.evaluation.cluster import Cluster
 from jssa_gym.evaluation.contenders import contender
 from jssa_gym.evaluation.ledger import CONFIG, Ledger
 from jssa_gym.evaluation.report import Tally, tally

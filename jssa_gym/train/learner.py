@@ -17,7 +17,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from jssa_gym.evaluation.workers import UNABLE
+from jssa_gym.engine.workers import UNABLE
 from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network

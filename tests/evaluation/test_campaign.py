@@ -16,6 +16,8 @@ from places import PATIENCE, environment
 
 from jssa_gym import plots
 from jssa_gym.cli.stress import Stress, _curves, _options
+from jssa_gym.engine.source import source_hash
+from jssa_gym.engine.workers import run
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
@@ -33,14 +35,13 @@ from jssa_gym.evaluation.contenders import (
 )
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.judgement import Excess
-from jssa_gym.evaluation.ledger import Ledger, source_hash
+from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.people import PEOPLE, TOO_FAST
 from jssa_gym.evaluation.plan import SPACING
 from jssa_gym.evaluation.play import Player, play
 from jssa_gym.evaluation.report import tally
 from jssa_gym.evaluation.rows import Cell, digest_of
 from jssa_gym.evaluation.trace import load_trace, read_meta
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError
 from jssa_gym.humans import make_human
 from jssa_gym.policies import POLICIES
@@ -165,7 +166,7 @@ def test_a_broken_episode_s_command_plays_that_episode():
 
 @pytest.mark.long
 def test_workers_end_with_a_parent_that_was_killed():
-    code = "from picklable import lasting; from jssa_gym.evaluation.workers import run; run(lasting, range(2), 2, id)"
+    code = "from picklable import lasting; from jssa_gym.engine.workers import run; run(lasting, range(2), 2, id)"
     with subprocess.Popen([sys.executable, "-c", code], env=environment(), stdout=subprocess.PIPE, text=True) as parent:
         workers = [int(parent.stdout.readline()) for _ in range(2)]
         try:

@@ -12,8 +12,8 @@ from multiprocessing import connection
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
-from jssa_gym.evaluation.cluster import AGAIN, Cluster, Play, Result, Work
-from jssa_gym.evaluation.interrupts import GOES_ON, Interrupts, portable
+from jssa_gym.engine.cluster import AGAIN, Cluster, Play, Result, Work
+from jssa_gym.engine.interrupts import GOES_ON, Interrupts, portable
 from jssa_gym.exceptions import WorkerError
 from jssa_gym.text import show_messages
 

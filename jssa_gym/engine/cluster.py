@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from jssa_gym.evaluation.interrupts import GOES_ON, portable
-from jssa_gym.evaluation.ledger import source_hash
+from jssa_gym.engine.interrupts import GOES_ON, portable
+from jssa_gym.engine.source import source_hash
 from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
 from jssa_gym.text import show_messages
 from jssa_gym.validation import positive_integer

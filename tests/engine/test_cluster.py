@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import picklable
 import pytest
-from test_interrupts import ended, interrupt, start
+from interrupted import ended, interrupt, start
 
 from jssa_gym.certificate.certify import certify
 from jssa_gym.certificate.lambda_map import sweep
 from jssa_gym.cli import main
-from jssa_gym.evaluation import Cluster, cluster
+from jssa_gym.engine import Cluster, cluster
+from jssa_gym.engine.workers import run
 from jssa_gym.evaluation.campaign import Campaign, Grid
 from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.play import play
 from jssa_gym.evaluation.runner import complete
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
 
 pytestmark = pytest.mark.long
@@ -107,7 +107,7 @@ def test_one_process_is_with_one_cluster():
 WORK = """
 from picklable import lasting
 from jssa_gym.evaluation import Cluster
-from jssa_gym.evaluation.workers import run
+from jssa_gym.engine.workers import run
 if __name__ == "__main__":
     run(lasting, range(4), Cluster(2), print)
 """
