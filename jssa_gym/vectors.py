@@ -43,8 +43,9 @@ def as_infos(values: Mapping[str, NDArray[Any]], who: Mask) -> Infos:
     What those who do not take part have is 0, as in Gymnasium's own vectors.
     """
     infos: Infos = {}
+    everybody = who.all()
     for key, value in values.items():
-        if not who.all():
+        if not everybody:
             value = np.where(who.reshape(-1, *(1,) * (value.ndim - 1)), value, np.zeros((), value.dtype))
         infos[key], infos[f"_{key}"] = value, who.copy()
     return infos

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import UnreachableError
+from jssa_gym.kernels.descent import step_on, weigh
 from jssa_gym.kernels.postures import smallest_gap, stays_clear
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
@@ -24,6 +25,8 @@ _STRIDE = 0.3
 
 _STALL = 12
 """After so many steps that bring the tool no nearer a descent is given up."""
+
+_ENDS = (PRECISION, _DAMPING, _STALL)
 
 _PULL = 0.1
 """Share of the way back to the present posture that every step takes where it does not move the tool."""
@@ -47,35 +50,24 @@ def descend(robot: RobotModel, point: Array, seeds: Array, near: Array, margin: 
         margin: From the position limits [rad].
     """
     low, high = robot.limits.position[:, 0] + margin, robot.limits.position[:, 1] - margin
-    q, eye = np.clip(seeds, low, high), np.eye(3)
+    q, count = np.clip(seeds, low, high), len(seeds)
     # copies: arrays for reading alone are of another type to kernels, which would be compiled for both
     arm, frames = (np.array(robot.links), robot.tool_link, np.array(robot.tool_offset)), records(robot.n, FRAME)
-    found: list[Array | None] = [None] * len(q)
-    under_way, nearest, since = np.arange(len(q)), np.full(len(q), np.inf), np.zeros(len(q), np.int64)
+    state, tool, J = np.zeros((count, 3, robot.n)), np.empty((count, 2, 3)), np.empty((count, 3, robot.n))
+    transposed, eye, squares = J.transpose(0, 2, 1), np.eye(3), np.empty(count)
+    nearest, since, on = np.full(count, np.inf), np.zeros(count, np.int64), np.ones(count, np.bool_)
     for _ in range(_STEPS):
-        state, tool, J = np.zeros((len(q), 3, robot.n)), np.empty((len(q), 2, 3)), np.empty((len(q), 3, robot.n))
         state[:, 0] = q
         look_at_tools(*arm, state, frames, tool, J)
         gap = point - tool[:, 0]
         far = np.sqrt((gap[:, None] @ gap[:, :, None])[:, 0, 0])
-        nearer = far < 0.98 * nearest
-        nearest, since = np.where(nearer, far, nearest), np.where(nearer, 0, since + 1)
-        there = far <= PRECISION
-        for k in np.flatnonzero(there).tolist():
-            found[under_way[k]] = q[k]
-        on = ~there & (since < _STALL)
-        if not on.any():
+        if not weigh(far, _ENDS, 2.0, nearest, since, on, squares):
             break
-        if not on.all():
-            q, J, gap, far, under_way, nearest, since = (x[on] for x in (q, J, gap, far, under_way, nearest, since))
-        damping = np.array([least**2 + 1e-9 for least in np.minimum(_DAMPING, far).tolist()])
-        transposed = J.transpose(0, 2, 1)
-        inverse = transposed @ np.linalg.inv(J @ transposed + damping[:, None, None] * eye)
+        inverse = transposed @ np.linalg.inv(J @ transposed + squares[:, None, None] * eye)
         home = _PULL * (near - q) * np.minimum(1.0, far / 0.1)[:, None]  # fades, so that it ends
-        step = (inverse @ gap[:, :, None])[:, :, 0] + home - (inverse @ (J @ home[:, :, None]))[:, :, 0]
-        step *= np.minimum(1.0, _STRIDE / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
-        q = np.clip(q + step, low, high)
-    return found
+        there, back = inverse @ gap[:, :, None], inverse @ (J @ home[:, :, None])
+        step_on((there[:, :, 0], home, back[:, :, 0]), on, _STRIDE, low, high, q)
+    return [posture if reached else None for posture, reached in zip(q, far <= PRECISION, strict=True)]
 
 
 def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, clear: float) -> bool:
@@ -83,8 +75,8 @@ def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, c
     count = max(2, int(np.ceil(np.abs(goal - start).max() / _EVERY)) + 1)
     around = standing(robot, planes)
     least = min(clear, smallest_gap(around, np.array(start, float)))
-    ways = [start + share * (goal - start) for share in np.linspace(1.0, 0.0, count)[-2::-1]]
-    return stays_clear(around, np.array(ways), least)
+    shares = np.linspace(1.0, 0.0, count)[-2::-1]
+    return stays_clear(around, start + shares[:, None] * (goal - start), least)
 
 
 def path_is_clear(robot: RobotModel, positions: Array, planes: Planes, static: CapsuleSet, clear: float) -> bool:

@@ -150,17 +150,22 @@ class VectorShield(VectorWrapper):
         """What was asked for in the last step, shape (E, n) [rad/s³]; 0 at the beginning of an episode. A view."""
         return self._nominal
 
-    def reasons(self) -> list[str]:
-        """Why each jerk of the last step, or at the beginning of an episode, is not the nominal: ``shield/reason``."""
-        return [self.reason(e) for e in range(self.num_envs)]
+    def reasons(self, which: NDArray[np.intp] | None = None) -> list[str]:
+        """Why each jerk of the last step, or at the beginning of an episode, is not the nominal: ``shield/reason``.
+
+        Args:
+            which: Numbers of the arms that are asked about, shape (k,); None: all.
+        """
+        which = np.arange(self.num_envs) if which is None else which
+        batch, robot = self._batch, self.filter.robot
+        return [
+            in_words(Told(*told), self._nominal[e], robot, _Records(batch, self._settings, e), self._named(e))  # ty: ignore[invalid-argument-type]
+            for e, told in zip(which.tolist(), batch.answer.told[which].tolist(), strict=True)
+        ]
 
     def reason(self, e: int) -> str:
         """The reason of arm ``e`` alone."""
-        batch = self._batch
-        if batch.answer.told["status"][e] == codes.NOMINAL:
-            return ""
-        told, records = Told(*batch.answer.told[e].item()), _Records(batch, self._settings, e)
-        return in_words(told, self._nominal[e], self.filter.robot, records, self._named(e))  # ty: ignore[invalid-argument-type]
+        return self.reasons(np.array([e]))[0]
 
     def kinds(self) -> list[Kind]:
         """What kind of jerk is applied to each: ``shield/kind``."""
