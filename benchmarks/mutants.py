@@ -182,6 +182,29 @@ MUTANTS = [
         "who is off is off for good", "return until - t - _ROUNDING > max(lasting, SHORTEST)", "return until > -np.inf"
     ),
     _kernel("who is apart at a glance is nearer", "far = radii + reach[k] + speed[k] * t", "far = radii"),
+    _kernel("who is near is surely met", "* t < -_CLOSED", "* t < 0.1", (KERNELS, "surely_met and people")),
+    _kernel(
+        "who may be touched is surely met",
+        "if not spin > 2.0 * max(around.touch[k], REST_SPEED):",
+        "if False:",
+        (KERNELS, "surely_met and touched"),
+    ),
+    _kernel(
+        "who is confined is surely met",
+        "if is_confined(around.confined[k]):",
+        "if False:",
+        (KERNELS, "surely_met and confined"),
+    ),
+    _admit(
+        "who is in the way of the last stop is not told", "if hardness + 1 < end and", "if", (KERNELS, "whoever_was")
+    ),
+    Mutant(
+        "where the arm is at present is where it was before",
+        "kernels/chain.py",
+        "known = known and position[j] == work.present[j]",
+        "known = known or position[j] == work.present[j]",
+        ("tests/kernels/test_chain.py", "one_posture"),
+    ),
     _kernel("too many looks read as safe", "return UNDECIDED, -1, -1, t", "return SAFE, -1, -1, t"),
     _kernel(
         "NaN distance of a person passes",
@@ -1020,8 +1043,8 @@ MUTANTS = [
     Mutant(
         "a margin without reach",
         "kernels/margin.py",
-        "taken = around.reach[k] + around.growth[k] * until",
-        "taken = around.growth[k] * until",
+        "(around.reach[first + k] + around.growth[first + k] * until)",
+        "(around.growth[first + k] * until)",
         (MARGIN, "formula"),
     ),
     Mutant(
@@ -1053,10 +1076,10 @@ MUTANTS = [
         (MARGIN, "formula or moments"),
     ),
     Mutant(
-        "a margin that leaves out whoever is near",
+        "a margin to balls as to lines",
         "kernels/margin.py",
-        "balls_gap(ball, balls[k]) - radii - taken",
-        "balls_gap(ball, balls[k])",
+        "if holds[k] == 0.0:",
+        "if False:",
         (MARGIN, "formula or moments"),
     ),
     Mutant(

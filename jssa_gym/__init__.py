@@ -22,14 +22,17 @@ if TYPE_CHECKING:
         ToolPose,
         Twist,
     )
+    from jssa_gym.control.vector import VectorJPCAction
     from jssa_gym.envs.arm import ArmEnv
     from jssa_gym.envs.check import EnvReport, check_env
     from jssa_gym.envs.faults import FAULTS, SensorFaults
     from jssa_gym.envs.repeat import ActionRepeat
     from jssa_gym.envs.sensor import SensorModel
     from jssa_gym.envs.tasks import TASKS, Task
-    from jssa_gym.envs.vector import VectorArmEnv
+    from jssa_gym.envs.vector import VectorActionRepeat, VectorArmEnv
+    from jssa_gym.envs.vector.sensors import VectorSensorModel
     from jssa_gym.evaluation import RecordSafety, Report, SeparationParams, evaluate
+    from jssa_gym.evaluation.record_vector import VectorRecordSafety
     from jssa_gym.guard import Guard, GuardAnswer
     from jssa_gym.humans import HUMANS, HumanMotion, Walk, make_human
     from jssa_gym.policies import (
@@ -39,8 +42,10 @@ if TYPE_CHECKING:
         LearnedPolicy,
         RandomPolicy,
         StraightPolicy,
+        VectorJPCPolicy,
         load_policy,
     )
+    from jssa_gym.policies.vector import make_vector_policy
     from jssa_gym.robots import ROBOTS, JointLimits, RobotModel
     from jssa_gym.safety.failsafe import FailsafeParams
     from jssa_gym.safety.index import IndexParams
@@ -99,7 +104,12 @@ _HOMES = {
     "TipVelocity": "jssa_gym.control",
     "ToolPose": "jssa_gym.control",
     "Twist": "jssa_gym.control",
+    "VectorActionRepeat": "jssa_gym.envs.vector",
     "VectorArmEnv": "jssa_gym.envs.vector",
+    "VectorJPCAction": "jssa_gym.control.vector",
+    "VectorJPCPolicy": "jssa_gym.policies",
+    "VectorRecordSafety": "jssa_gym.evaluation.record_vector",
+    "VectorSensorModel": "jssa_gym.envs.vector.sensors",
     "VectorShield": "jssa_gym.shields.vector",
     "Walk": "jssa_gym.humans",
     "WatchedRegion": "jssa_gym.safety.region",
@@ -109,6 +119,7 @@ _HOMES = {
     "load_policy": "jssa_gym.policies",
     "make_filter": "jssa_gym.shields",
     "make_human": "jssa_gym.humans",
+    "make_vector_policy": "jssa_gym.policies.vector",
     "measure_tracking": "jssa_gym.safety.tracking",
 }
 
@@ -161,7 +172,12 @@ __all__ = [
     "TipVelocity",
     "ToolPose",
     "Twist",
+    "VectorActionRepeat",
     "VectorArmEnv",
+    "VectorJPCAction",
+    "VectorJPCPolicy",
+    "VectorRecordSafety",
+    "VectorSensorModel",
     "VectorShield",
     "Walk",
     "WatchedRegion",
@@ -172,13 +188,26 @@ __all__ = [
     "load_policy",
     "make_filter",
     "make_human",
+    "make_vector_policy",
     "measure_tracking",
 ]
 
 
 _PACKAGES = (
-    *("certificate", "control", "envs", "evaluation", "humans", "paper", "perception", "plots", "policies", "robots"),
-    *("safety", "shields", "types"),
+    *(
+        "board",
+        "certificate",
+        "control",
+        "datasets",
+        "engine",
+        "envs",
+        "evaluation",
+        "guard",
+        "hardware",
+        "humans",
+        "paper",
+    ),
+    *("paper", "perception", "plots", "policies", "robots", "safety", "shields", "train", "types", "viewer"),
 )
 
 

@@ -8,6 +8,7 @@ from gymnasium.vector import VectorEnv
 
 from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.envs.vector import VectorArmEnv
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.registration import ENTRIES
 from jssa_gym.shields.shield import JSSAShield
 from jssa_gym.shields.vector import VectorShield
@@ -47,6 +48,14 @@ def make_vector(
     return env if shield is None else VectorShield(env, shield)
 
 
-def make_shielded_vector(num_envs: int, task: str, **arguments: Any) -> VectorEnv:
-    """Many environments of a shielded id, each with the shield that the id says."""
+def make_shielded_vector(num_envs: int, task: str, *, shield: Any = None, **arguments: Any) -> VectorEnv:
+    """Many environments of a shielded id, each with the shield that the id says.
+
+    Raises:
+        ParameterError: As of :func:`make_vector`, or ``shield`` asks for another one.
+    """
+    if shield is not None:
+        raise ParameterError(
+            f"{ENTRIES[task].env_id(True)} has its own shield: take {ENTRIES[task].env_id(False)} for shield={shield!r}"
+        )
     return make_vector(num_envs, task, shield=ENTRIES[task].shield, **arguments)

@@ -34,7 +34,7 @@ class _Shown(logging.Formatter):
 
 
 def show_messages() -> None:
-    """From now on all is seen in this process's warnings, and in log lines that no handler of a user's own takes."""
+    """Show all of this process's warnings, and of log lines that no handler of a user's own takes, from now on."""
     formatwarning = warnings.formatwarning
 
     def shown(*arguments: Any, **options: Any) -> str:

@@ -4,12 +4,37 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import NDArray
+
+from jssa_gym.exceptions import InterfaceError
 
 Infos = dict[str, Any]
 
 Mask = NDArray[np.bool_]
 """Which of E environments, shape (E,)."""
+
+
+def wrapper_with(envs: VectorEnv, attribute: str) -> Any:
+    """The outermost of a vector's wrappers, or the vector, that has an attribute; None if none has.
+
+    Gymnasium's vectors hand nothing through their wrappers.
+    """
+    while not hasattr(envs, attribute):
+        if not isinstance(envs, VectorWrapper):
+            return None
+        envs = envs.env
+    return envs
+
+
+def refuse_vector(env: Any, twin: str) -> None:
+    """Refuse many environments where one is wanted.
+
+    Raises:
+        InterfaceError: It is a vector; the message names what does the same for many.
+    """
+    if isinstance(env, VectorEnv):
+        raise InterfaceError(f"{env} is a vector of environments: take {twin}, or wrap each environment by itself")
 
 
 def as_infos(values: Mapping[str, NDArray[Any]], who: Mask) -> Infos:
@@ -18,8 +43,9 @@ def as_infos(values: Mapping[str, NDArray[Any]], who: Mask) -> Infos:
     What those who do not take part have is 0, as in Gymnasium's own vectors.
     """
     infos: Infos = {}
+    everybody = who.all()
     for key, value in values.items():
-        if not who.all():
+        if not everybody:
             value = np.where(who.reshape(-1, *(1,) * (value.ndim - 1)), value, np.zeros((), value.dtype))
         infos[key], infos[f"_{key}"] = value, who.copy()
     return infos

@@ -17,6 +17,9 @@ from places import LASTING
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.sensor import SensorModel
 from jssa_gym.evaluation import Study
+from jssa_gym.evaluation.ledger import Chunk
+from jssa_gym.evaluation.play import play
+from jssa_gym.evaluation.rows import StressRow
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields import SafetyFilter, Shield
 from jssa_gym.shields.pairs import PairFilter
@@ -96,6 +99,15 @@ def dying_first(chunk: tuple[int, Path]) -> Iterator[int]:
         (folder / "died").touch()
         os.kill(os.getpid(), signal.SIGKILL)
     yield 10 * number
+
+
+def playing_but_dying_first(chunk: Chunk[StressRow]) -> Iterator[StressRow]:
+    """Episodes of a campaign, at the first of which its process is killed once."""
+    for row in play(chunk):
+        yield row
+        if not (died := chunk.traces.parent / "died").exists():
+            died.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
 
 
 def lasting(number: int) -> Iterator[int]:

@@ -16,7 +16,7 @@ LAYERS = (
     ("tick", "types", "validation", "rates", "storage", "text", "palette", "vectors"),
     ("robots", "humans"),
     ("safety",),
-    ("perception",),
+    ("perception", "engine"),
     ("shields", "envs", "control"),
     ("policies", "guard", "entry_points"),
     ("evaluation",),
@@ -34,7 +34,7 @@ HEAVY = {
     "stable_baselines3": ("train", "policies"),
     "sb3_contrib": ("train",),
     "osqp": ("safety.projectors",),
-    "ray": ("evaluation.cluster",),
+    "ray": ("engine.cluster",),
     "h5py": ("datasets.minari",),
     "matplotlib": ("plots",),
     "av": ("plots",),
@@ -232,3 +232,10 @@ def test_public_names_are_what_they_say():
         assert getattr(jssa_gym, name) is not None
     with pytest.raises(AttributeError, match="no_such_name"):
         jssa_gym.no_such_name  # noqa: B018
+
+
+def test_tests_stand_where_what_they_test_does():
+    tests = Path(__file__).parent
+    packages = [place.parent.name for place in sorted(PACKAGE.glob("*/__init__.py"))]
+    assert len(packages) > 20
+    assert [name for name in packages if not any((tests / name).glob("test_*.py"))] == []

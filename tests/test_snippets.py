@@ -38,7 +38,12 @@ COMPILED = {
 }
 """Pages whose blocks are not run, and why."""
 
-NEEDS = {"policies.md": "stable_baselines3", "training.md": "stable_baselines3", "README.md": "stable_baselines3"}
+NEEDS = {
+    "policies.md": "stable_baselines3",
+    "vector.md": "stable_baselines3",
+    "training.md": "stable_baselines3",
+    "README.md": "stable_baselines3",
+}
 
 PLAYED = ("tutorial.md", "evaluation.md", "humans.md")
 """Pages whose commands are run."""

@@ -23,6 +23,4 @@ def without_words(infos):
     """Infos without the words, and the words."""
     words = {key: infos[key] for key in WORDS if key in infos}
     rest = {key: value for key, value in infos.items() if key.removeprefix("_") not in WORDS}
-    if "final_info" in rest:
-        rest["final_info"] = without_words(rest["final_info"])[0]
     return rest, words

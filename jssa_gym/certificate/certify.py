@@ -17,7 +17,7 @@ from jssa_gym.certificate.boundary import KEPT, Boundary, BoundaryState, Domain
 from jssa_gym.certificate.census import Census, Part, Shares, approach_bound, largest_part, mark, shares
 from jssa_gym.certificate.chunks import ChunkFile, Key, StateChunk, generator, run
 from jssa_gym.certificate.search import Kept, kept_part, worsen
-from jssa_gym.evaluation.cluster import Cluster, whose
+from jssa_gym.engine.cluster import Cluster, whose
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.feasibility import probe
 from jssa_gym.rates import Rate

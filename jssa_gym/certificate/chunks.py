@@ -2,8 +2,9 @@
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from jssa_gym.certificate.boundary import Boundary
 from jssa_gym.certificate.census import Census
-from jssa_gym.evaluation.cluster import Cluster
+from jssa_gym.engine.cluster import Cluster
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.jit import source_hash
 from jssa_gym.storage import append_whole, refused, whole_lines, write_whole
@@ -48,32 +49,39 @@ class StateChunk(NamedTuple):
         return Census.of(self.boundary, looks, draws)
 
 
-def _counted(chunk: StateChunk) -> Iterator[tuple[StateChunk, Census]]:
-    yield chunk, chunk.census()
+Count = Callable[[StateChunk], Any]
+"""What is made of a chunk; a function of a module, for other machines to find."""
 
 
-def run(chunks: Sequence[StateChunk], jobs: int | Cluster) -> Iterator[tuple[StateChunk, Census]]:
+def _counted(count: Count, chunk: StateChunk) -> Iterator[tuple[StateChunk, Any]]:
+    yield chunk, count(chunk)
+
+
+def run(
+    chunks: Sequence[StateChunk], jobs: int | Cluster, count: Count = StateChunk.census
+) -> Iterator[tuple[StateChunk, Any]]:
     """Chunks with their censuses, as they end.
 
     Args:
         chunks: What to count.
         jobs: How many threads, since kernel and generators let each other run; or the cluster.
+        count: What is made of each.
     """
     if isinstance(jobs, Cluster):
-        for counted in jobs.play(_counted, chunks):
+        for counted in jobs.play(partial(_counted, count), chunks):
             yield from counted
         return
     if jobs == 1:
-        yield from ((chunk, chunk.census()) for chunk in chunks)
+        yield from ((chunk, count(chunk)) for chunk in chunks)
         return
     with ThreadPoolExecutor(jobs) as pool:
-        waiting: dict[Future[Census], StateChunk] = {}
+        waiting: dict[Future[Any], StateChunk] = {}
         try:
             todo = iter(chunks)
             while True:
                 # few at a time, so that an interrupt need not undo a long queue
                 while len(waiting) < 2 * jobs and (chunk := next(todo, None)) is not None:
-                    waiting[pool.submit(chunk.census)] = chunk
+                    waiting[pool.submit(count, chunk)] = chunk
                 if not waiting:
                     return
                 for future in wait(waiting, return_when=FIRST_COMPLETED).done:

@@ -11,7 +11,7 @@ from jssa_gym.certificate.boundary import Boundary, Domain
 from jssa_gym.certificate.census import Census
 from jssa_gym.certificate.certify import moved_capsules
 from jssa_gym.certificate.chunks import StateChunk, run
-from jssa_gym.evaluation.cluster import Cluster, whose
+from jssa_gym.engine.cluster import Cluster, whose
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.feasibility import probe
@@ -142,18 +142,23 @@ def sweep(
         pairs = [(float(x), float(y)) for x in ones for y in twos if x**2 >= 8.0 * y * d_min]
         if progress is not None:
             progress(-len(pairs))
-        for one, two in pairs:
-            index = IndexParams(d_min=d_min, lambda1=one, lambda2=two)
-            links = [Boundary(model, index, name, domain, dt) for name in names]
-            try:
-                counted = list(run([StateChunk(link, finer, states * _MORE**finer, seed) for link in links], jobs))
-            except ParameterError:
-                counted = []  # the boundary hardly meets the domain
-            if counted:
-                found = {chunk.boundary.capsule: census for chunk, census in counted}
-                tried[one, two] = _cell(index, domain, {name: found[name] for name in names})
-            if progress is not None:
+        indices = [IndexParams(d_min=d_min, lambda1=one, lambda2=two) for one, two in pairs]
+        # all at once, so that nobody waits for a pair's last capsule
+        chunks = [
+            StateChunk(Boundary(model, index, name, domain, dt), finer, states * _MORE**finer, seed)
+            for index in indices
+            for name in names
+        ]
+        found: dict[IndexParams, dict[str, Census | None]] = {index: {} for index in indices}
+        for chunk, census in run(chunks, jobs, _census):
+            counted = found[chunk.boundary.index]
+            counted[chunk.boundary.capsule] = census
+            if progress is not None and len(counted) == len(names):
                 progress(1)
+        for index, counted in found.items():
+            met = {name: census for name in names if (census := counted[name]) is not None}
+            if len(met) == len(names):
+                tried[index.lambda1, index.lambda2] = _cell(index, domain, met)
         allowed = [cell for cell in tried.values() if cell.trigger <= trigger]
         if not allowed:
             raise ParameterError(
@@ -163,6 +168,14 @@ def sweep(
             )
     axes = tuple(first[0].tolist()), tuple(first[1].tolist())
     return LambdaMap(domain, d_min, axes, tuple(tried.values()), trigger)
+
+
+def _census(chunk: StateChunk) -> Census | None:
+    """A chunk's census; None where the boundary hardly meets the domain."""
+    try:
+        return chunk.census()
+    except ParameterError:
+        return None
 
 
 def _axis(name: str, limits: tuple[float, float], count: int) -> Array:

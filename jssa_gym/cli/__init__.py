@@ -25,7 +25,7 @@ from jssa_gym.cli.robot import RobotCommand
 from jssa_gym.cli.stress import Stress
 from jssa_gym.cli.train import Train
 from jssa_gym.cli.view import ViewCommand
-from jssa_gym.evaluation.ledger import package_version
+from jssa_gym.engine.source import package_version
 from jssa_gym.exceptions import JSSAGymError, ParameterError
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from jssa_gym.evaluation.cluster import Cluster, whose
+from jssa_gym.engine.cluster import Cluster, whose
 from jssa_gym.exceptions import ParameterError
 
 

@@ -16,8 +16,8 @@ from jssa_gym.cli.files import own_folder, write_json
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
+from jssa_gym.engine.cluster import Cluster
 from jssa_gym.envs.arm import DT, MOVING
-from jssa_gym.evaluation.cluster import Cluster
 from jssa_gym.evaluation.contenders import NO_SENSOR
 from jssa_gym.evaluation.ledger import CONFIG
 from jssa_gym.evaluation.metrics import SeparationParams

@@ -16,13 +16,13 @@ from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import ticks
 from jssa_gym.cli.files import own_folder, write_figure
-from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, WRONG
+from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, TASK, WRONG
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
+from jssa_gym.engine.cluster import Cluster
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
 from jssa_gym.evaluation.campaign import PRESETS, Campaign
-from jssa_gym.evaluation.cluster import Cluster
 from jssa_gym.evaluation.contenders import contender
 from jssa_gym.evaluation.ledger import CONFIG, Ledger
 from jssa_gym.evaluation.report import Tally, tally
@@ -55,8 +55,7 @@ class Stress:
     """Of every combination."""
     out: Path = Path("stress")
     """Folder for the results; a campaign that is there already is continued."""
-    task: Literal["home", "reach", "track", "handover", "deliver"] = "home"
-    """Task of the environment."""
+    task: Annotated[str, TASK] = "home"
     robot: Annotated[str, ROBOT] = DEFAULT
     seconds: float = 8.0
     """Length of an episode."""
@@ -176,8 +175,7 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
         for name in dict.fromkeys(row.group[by.index("filter")] for row in rows):
             if without := contender(name).without:
                 console.say(f"{name}: full without {without}")
-    chosen = ledger.plan.robot if isinstance(ledger.plan, Campaign) else DEFAULT
-    robot = "" if chosen == DEFAULT else f" --robot {shlex.quote(chosen)}"
+    same = _options(ledger.plan)
     for episode in sorted(broken, key=lambda e: -e.severity)[:10]:
         what = "MuJoCo disagrees" if not episode.agrees else f"{episode.judged_speed or episode.contact_speed:.3g} m/s"
         names = " ".join(
@@ -186,8 +184,17 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
         )
         console.say(
             f"broken ({what}, {episode.violations} violations, {episode.overlaps} overlaps): jssa-gym stress {names} "
-            f"--episodes 1 --seed {episode.seed} --judge 1 --out again{robot}"
+            f"--episodes 1 --seed {episode.seed} --judge 1 --out again{same}"
         )
+
+
+def _options(plan: Any) -> str:
+    """Options of a command that plays episodes of a campaign again: those that are not as ever."""
+    if not isinstance(plan, Campaign):
+        return ""
+    chosen = {"task": (plan.task, Stress.task), "robot": (plan.robot, DEFAULT)}
+    chosen["seconds"] = (f"{plan.steps * DT:g}", f"{Stress.seconds:g}")
+    return "".join(f" --{name} {shlex.quote(value)}" for name, (value, usual) in chosen.items() if value != usual)
 
 
 def _curves(episodes: Sequence[StressRow]) -> tuple[plots.Curve, plots.Curve]:

@@ -16,7 +16,7 @@ from jssa_gym import plots
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.files import writable_folder
 from jssa_gym.cli.film import EVERY, film, require_film
-from jssa_gym.cli.names import ROBOT
+from jssa_gym.cli.names import ROBOT, TASK
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.envs.tasks import TASKS
@@ -48,12 +48,10 @@ class Train:
 
     A training that was interrupted, in whatever way, goes on where it stopped when the same command is given again. The
     folder gets best.npz and last.npz, which `jssa-gym evaluate --policy` takes, history.csv, TensorBoard's logs, and a
-    film of the best policy at the end. The tuned training of reach takes about half an hour of one core, evaluations
-    not counted.
+    film of the best policy at the end. The tuned trainings of reach take about five minutes of one core.
     """
 
-    task: str = "reach"
-    """Task of the environment: home, reach, track, handover or deliver."""
+    task: Annotated[str, TASK] = "reach"
     algorithm: Algorithm | None = None
     """Of Stable-Baselines3; tqc of sb3-contrib; those with -lagrangian keep a limit on the cost, --set cost_limit=...
     None: the one that was tuned for the task, else ppo."""

@@ -14,6 +14,7 @@ from jssa_gym.robots import JointLimits, RobotModel
 from jssa_gym.safety.action import checked_action
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import known_name
+from jssa_gym.vectors import refuse_vector
 
 MODES = ("position", "velocity", "tip")
 """What can be commanded instead of jerk."""
@@ -181,6 +182,7 @@ class JPCAction(gym.ActionWrapper[Any, NDArray[np.float32], Any], gym.utils.Reco
     def __init__(
         self, env: gym.Env, *, mode: Literal["position", "velocity", "tip"] = "position", share: float = 0.5
     ) -> None:
+        refuse_vector(env, "VectorJPCAction")
         robot = env.get_wrapper_attr("robot")
         self._commands = Commands(robot.limits, mode, share, robot)
         gym.utils.RecordConstructorArgs.__init__(self, mode=mode, share=share)

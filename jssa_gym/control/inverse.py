@@ -4,11 +4,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import UnreachableError
-from jssa_gym.kernels.chain import forward, jacobian, tool_motion
+from jssa_gym.kernels.descent import step_on, weigh
 from jssa_gym.kernels.postures import smallest_gap, stays_clear
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
-from jssa_gym.safety.postures import clearances, farther_than_stretched, standing
+from jssa_gym.safety.postures import farther_than_stretched, standing
+from jssa_gym.tick.moves import look_at_tools
 from jssa_gym.types import Array, CapsuleSet, Planes
 from jssa_gym.validation import real_array
 
@@ -25,6 +26,8 @@ _STRIDE = 0.3
 _STALL = 12
 """After so many steps that bring the tool no nearer a descent is given up."""
 
+_ENDS = (PRECISION, _DAMPING, _STALL)
+
 _PULL = 0.1
 """Share of the way back to the present posture that every step takes where it does not move the tool."""
 
@@ -32,46 +35,39 @@ _EVERY = 0.02
 """No joint moves further between two postures of a motion that are looked at [rad]."""
 
 
-def _tip_and_jacobian(robot: RobotModel, posture: Array) -> tuple[Array, Array]:
-    zero, frames = np.zeros(robot.n), records(robot.n, FRAME)
-    tip, J = np.zeros((2, 3)), np.zeros((3, robot.n))
-    forward(robot.links, np.array([posture, zero, zero]), frames)
-    tool_motion(frames, robot.tool_link, robot.tool_offset, tip)
-    jacobian(frames, robot.tool_link, tip[0], J)
-    return tip[0], J
-
-
-def descend(robot: RobotModel, point: Array, seed: Array, near: Array, margin: float = 0.0) -> Array | None:
-    r"""One posture by damped least squares from a seed, or None.
+def descend(robot: RobotModel, point: Array, seeds: Array, near: Array, margin: float = 0.0) -> list[Array | None]:
+    r"""A posture by damped least squares from every seed, or None where there is none.
 
     .. math:: \Delta q = J^\top (J J^\top + \mu^2 I)^{-1} e + (I - J^+ J)\, k\, (q_{near} - q)
+
+    All seeds take their steps at once, each as it would by itself, bit for bit.
 
     Args:
         robot: The arm, where it stands.
         point: Of the tool, shape (3,) [m].
-        seed: Posture to begin with, shape (n,) [rad].
+        seeds: Postures to begin with, shape (s, n) [rad].
         near: Posture to stay close to, shape (n,) [rad].
         margin: From the position limits [rad].
     """
     low, high = robot.limits.position[:, 0] + margin, robot.limits.position[:, 1] - margin
-    q = np.clip(seed, low, high)
-    nearest, since = np.inf, 0
+    q, count = np.clip(seeds, low, high), len(seeds)
+    # copies: arrays for reading alone are of another type to kernels, which would be compiled for both
+    arm, frames = (np.array(robot.links), robot.tool_link, np.array(robot.tool_offset)), records(robot.n, FRAME)
+    state, tool, J = np.zeros((count, 3, robot.n)), np.empty((count, 2, 3)), np.empty((count, 3, robot.n))
+    transposed, eye, squares = J.transpose(0, 2, 1), np.eye(3), np.empty(count)
+    nearest, since, on = np.full(count, np.inf), np.zeros(count, np.int64), np.ones(count, np.bool_)
     for _ in range(_STEPS):
-        tip, J = _tip_and_jacobian(robot, q)
-        gap = point - tip
-        far = float(np.linalg.norm(gap))
-        if far <= PRECISION:
-            return q
-        nearest, since = (far, 0) if far < 0.98 * nearest else (nearest, since + 1)
-        if since >= _STALL:
-            return None
-        damping = min(_DAMPING, far)
-        inverse = J.T @ np.linalg.inv(J @ J.T + (damping**2 + 1e-9) * np.eye(3))
-        home = _PULL * (near - q) * min(1.0, far / 0.1)  # fades, so that it ends
-        step = inverse @ gap + home - inverse @ (J @ home)
-        step *= min(1.0, _STRIDE / max(np.abs(step).max(), 1e-12))
-        q = np.clip(q + step, low, high)
-    return None
+        state[:, 0] = q
+        look_at_tools(*arm, state, frames, tool, J)
+        gap = point - tool[:, 0]
+        far = np.sqrt((gap[:, None] @ gap[:, :, None])[:, 0, 0])
+        if not weigh(far, _ENDS, 2.0, nearest, since, on, squares):
+            break
+        inverse = transposed @ np.linalg.inv(J @ transposed + squares[:, None, None] * eye)
+        home = _PULL * (near - q) * np.minimum(1.0, far / 0.1)[:, None]  # fades, so that it ends
+        there, back = inverse @ gap[:, :, None], inverse @ (J @ home[:, :, None])
+        step_on((there[:, :, 0], home, back[:, :, 0]), on, _STRIDE, low, high, q)
+    return [posture if reached else None for posture, reached in zip(q, far <= PRECISION, strict=True)]
 
 
 def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, clear: float) -> bool:
@@ -79,8 +75,8 @@ def way_is_clear(robot: RobotModel, start: Array, goal: Array, planes: Planes, c
     count = max(2, int(np.ceil(np.abs(goal - start).max() / _EVERY)) + 1)
     around = standing(robot, planes)
     least = min(clear, smallest_gap(around, np.array(start, float)))
-    ways = [start + share * (goal - start) for share in np.linspace(1.0, 0.0, count)[-2::-1]]
-    return stays_clear(around, np.array(ways), least)
+    shares = np.linspace(1.0, 0.0, count)[-2::-1]
+    return stays_clear(around, start + shares[:, None] * (goal - start), least)
 
 
 def path_is_clear(robot: RobotModel, positions: Array, planes: Planes, static: CapsuleSet, clear: float) -> bool:
@@ -134,11 +130,11 @@ def postures_for(
         anywhere = rng.uniform(low, high)
         seeds.append(near + 0.3 * (anywhere - near) if k % 2 == 0 else anywhere)
     found: list[Array] = []
-    for seed in seeds:
-        posture = descend(robot, target, seed, near, margin=1e-3)
+    around = standing(robot, planes)
+    for posture in descend(robot, target, np.array(seeds), near, margin=1e-3):
         if posture is None or any(np.abs(posture - other).max() < 1e-2 for other in found):
             continue
-        if min(clearances(robot, posture, planes)) >= clear:
+        if smallest_gap(around, posture) >= clear:
             found.append(posture)
     if not found:
         raise UnreachableError(

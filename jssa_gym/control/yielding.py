@@ -162,7 +162,7 @@ class YieldingJPC(JPC):
         return jerks[0] if len(jerks) else brake_jerk(JointState(*state), self.limits, self.dt)
 
     def _arrive(self, path: PacedPath, state: Array) -> bool:
-        """At the end of a path, bring what is left of the motion to rest on the grid; whether the arm is there."""
+        """Bring what is left of the motion at the end of a path to rest on the grid; whether the arm is there."""
         end = np.zeros_like(state)
         end[0] = path.plan.states[-1, 0]
         if not (path.ended and np.all(np.abs(state - end) <= _ARRIVED)):

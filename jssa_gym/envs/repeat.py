@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 
 from jssa_gym.validation import positive_integer
+from jssa_gym.vectors import refuse_vector
 
 ANY = ("contact", "limit_violation", "success", "is_success", "shield/intervened")
 REASONS = ("shield/reason", "shield/reason_code")
@@ -29,12 +30,14 @@ class ActionRepeat(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     Raises:
         ParameterError: ``ticks`` is not a positive integer.
+        InterfaceError: It is a vector of environments.
     """
 
     outside_shield: ClassVar[bool] = True
     """Shields refuse to go around it."""
 
     def __init__(self, env: gym.Env, ticks: int) -> None:
+        refuse_vector(env, "VectorActionRepeat")
         self.ticks = positive_integer("ticks", ticks)
         gym.utils.RecordConstructorArgs.__init__(self, ticks=self.ticks)
         gym.Wrapper.__init__(self, env)

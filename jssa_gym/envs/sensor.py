@@ -17,6 +17,7 @@ from jssa_gym.humans import HumanMotion
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Scene
 from jssa_gym.validation import known_name, number_within, positive_integer
+from jssa_gym.vectors import refuse_vector
 
 ROUNDING = 1e-9
 """A sample counts as arrived this much early [s]: times are multiples of the control step only up to rounding."""
@@ -117,6 +118,7 @@ class SensorModel(gym.Wrapper, gym.utils.RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env, faults: SensorFaults | CameraSettings | str | Mapping[str, Any]) -> None:
+        refuse_vector(env, "VectorSensorModel")
         faults = settings_of(faults)
         gym.utils.RecordConstructorArgs.__init__(self, faults=asdict(faults))  # JSON can hold it
         gym.Wrapper.__init__(self, env)

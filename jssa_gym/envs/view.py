@@ -10,6 +10,7 @@ from jssa_gym.envs.drawing import goal_points
 from jssa_gym.envs.surroundings import posed
 from jssa_gym.humans import HumanMotion
 from jssa_gym.robots import RobotModel
+from jssa_gym.safety.postures import reach_of
 from jssa_gym.types import CapsuleSet, Trace
 
 _AROUND, _CLOSE = 0.6, 0.2
@@ -44,7 +45,7 @@ def live_camera(robot: RobotModel, human: HumanMotion, aspect: float) -> Camera:
                 people.append(around(robot, now, _CLOSE))
             now = who.step(_STEP, arm)
     points, radius = balls_of(people)
-    reach = _SHARE * _reach(robot)
+    reach = _SHARE * reach_of(robot)
     middle = robot.mount + np.array([0.0, 0.0, 0.4 * reach])
     return framing(np.vstack([points, middle]), np.append(radius, reach), _AZIMUTH, aspect=aspect)
 
@@ -88,12 +89,7 @@ def people_of(trace: Trace, k: int) -> CapsuleSet:
 def around(robot: RobotModel, people: CapsuleSet, beyond: float = _AROUND) -> CapsuleSet:
     """Those who have a part no further ``beyond`` the arm's reach than that [m], as a whole."""
     middle = (people.start + people.end)[:, :2] / 2.0 - robot.mount[:2]
-    near = np.hypot(*middle.T) < _reach(robot) + beyond
+    near = np.hypot(*middle.T) < reach_of(robot) + beyond
     kept = np.isin(people.person, people.person[near])
     arrays = (array[kept] for array in people[:5])
     return CapsuleSet(*arrays, tuple(np.array(people.names)[kept].tolist()), people.person[kept])
-
-
-def _reach(robot: RobotModel) -> float:
-    """No point of the arm's axes is further from its base [m]."""
-    return float(np.linalg.norm(robot.links["offset"][1:], axis=1).sum() + np.linalg.norm(robot.tool_offset))

@@ -2,16 +2,17 @@
 
 - plan: ``plan`` says what every plan offers, ``study`` has evaluations, ``campaign`` what is to break shields, with
   the ``contenders`` of both; ``policy`` and ``identity`` tell what is played from anything else.
-- play: ``play`` has the one player of all plans, ``runner`` finishes a plan, ``workers`` are its processes,
-  ``cluster`` those of Ray, ``interrupts`` end them, and the ``ledger`` is what it leaves in a folder and goes on from.
+- play: ``play`` has the one player of all plans, ``runner`` finishes a plan with workers of ``jssa_gym.engine``, and
+  the ``ledger`` is what it leaves in a folder and goes on from.
 - record: ``rollout`` makes a trace of an episode and ``trace`` keeps it; ``record`` is for training loops.
 - measure: ``rows`` are episodes in numbers; ``metrics`` has them from ``steps``, ``motion``, ``geometry`` and
   ``counterfactual``.
 - judge: ``judge`` plays a trace again with MuJoCo, its ``oracle``, and says a ``judgement``.
-- report: ``report``, ``standings`` and ``slowdown`` with the intervals of ``statistics``; ``html`` is the page.
+- report: ``report``, ``standings`` and ``slowdown`` with the intervals of ``statistics``; ``comparison_page`` is the
+  page, whose drawings are ``svg``.
 """
 
-from jssa_gym.evaluation.cluster import Cluster
+from jssa_gym.engine.cluster import Cluster
 from jssa_gym.evaluation.geometry import Geometry, geometry
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.judgement import Contact, Excess, Judgement, Overlap

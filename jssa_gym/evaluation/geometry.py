@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.evaluation.counterfactual import along_stop, false_interventions
+from jssa_gym.evaluation.counterfactual import false_interventions
 from jssa_gym.evaluation.inertia import Inertia
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.kernels.apart import along_stops
 from jssa_gym.kernels.capsules import measure_planes, measure_self
 from jssa_gym.kernels.chain import forward, tool_motion
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, SEGMENT, STOP, records
@@ -21,6 +22,10 @@ from jssa_gym.types import Array, Planes, Trace
 
 MOVING_IN = 1e-6
 """Speed into a person up to which no energy is asked for [m/s]: what is slower is rounding."""
+
+
+_ENDS = ("start", "end", "start_velocity", "end_velocity")
+"""Of a capsule's axis, and how they move: fields of ``SEGMENT`` and ``AGENT``."""
 
 
 class Touches(NamedTuple):
@@ -102,7 +107,9 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
     measure_planes(segments.reshape(-1), half_spaces, plane_pairs.reshape(count * m, len(half_spaces)))
     measure_self(segments.reshape(-1), _in_each(robot.self_pairs, count, m), own.reshape(-1))
     plans = _stops(state[1:], bounds, trace.dt)
-    shift = _shift(robot, along_stop(state[1:], plans, trace.dt, np.inf), segments)
+    rested = np.empty((count, 1, n))
+    along_stops(state[1:], plans, trace.dt, np.array([np.inf]), rested)
+    shift = _shift(robot, rested[:, 0], segments)
     normals = normals.reshape(count, m, k, 3)
     human_approach = _component("tkx,tmkx->tmk", agents["start_velocity"], agents["end_velocity"], pairs["r"], normals)
     return Geometry(
@@ -116,7 +123,7 @@ def geometry(trace: Trace, robot: RobotModel) -> Geometry:
         (plans["ramp"] + plans["hold"] + plans["release"]).max(axis=1) * trace.dt,
         np.maximum(-_component("tmx,tmkx->tmk", shift[:, 0], shift[:, 1], pairs["s"], normals), 0.0),
         pairs["phi"].max(axis=(1, 2), initial=-np.inf),
-        false_interventions(trace, robot, state, bounds, agents, half_spaces),
+        false_interventions(trace, robot, state, bounds, agents),
         _touches(trace, robot, segments, agents, pairs),
     )
 
@@ -172,12 +179,15 @@ def _component(axes: str, start: Array, end: Array, share: Array, normals: Array
 
 def _touches(trace: Trace, robot: RobotModel, segments: NDArray, agents: NDArray, pairs: NDArray) -> Touches:
     step, i, j = np.nonzero(~(pairs["distance"] > 0.0))
-    pair, arm, person = pairs[step, i, j], segments[step, i], agents[step, j]
-    point = _along(arm["start"], arm["end"], pair["s"])
-    normal = _unit(_along(person["start"], person["end"], pair["r"]) - point)
+    s, r = (pairs[name][step, i, j] for name in ("s", "r"))
+    # field by field: of the rest of the records nothing is asked
+    start, end, start_velocity, end_velocity = (segments[name][step, i] for name in _ENDS)
+    point = _along(start, end, s)
     # along the normal a surface point moves as the axis point below it does, spinning or not
-    velocity = _along(arm["start_velocity"], arm["end_velocity"], pair["s"])
-    human_velocity = _along(person["start_velocity"], person["end_velocity"], pair["r"])
+    velocity = _along(start_velocity, end_velocity, s)
+    start, end, start_velocity, end_velocity = (agents[name][step, j] for name in _ENDS)
+    normal = _unit(_along(start, end, r) - point)
+    human_velocity = _along(start_velocity, end_velocity, r)
     # where the axes cross there is no normal: all of the speed counts
     crossing = ~normal.any(axis=1)
     speed, human_speed = np.linalg.norm(velocity, axis=1), np.linalg.norm(human_velocity, axis=1)
@@ -207,12 +217,15 @@ def _energy_ratios(trace: Trace, robot: RobotModel, touching: Touching) -> Array
     moving = np.flatnonzero(~(touching.approach <= MOVING_IN))
     if not len(moving):
         return ratios
-    inertia = Inertia(robot)
-    for c in moving:
-        step, i, j, point, normal, approach = (values[c] for values in touching)
-        part = trace.human_names[j]
-        mass = inertia.mass(trace.position[step], i, point, normal) if normal.any() else np.inf
-        human = mass_of(part)
-        reduced = human / (1.0 + human / mass)
-        ratios[c] = 0.5 * reduced * approach**2 / energy_limit(part)
+    inertia, mass = Inertia(robot), np.full(len(moving), np.inf)
+    for k, c in enumerate(moving.tolist()):
+        step, i, _, point, normal, _ = (values[c] for values in touching)
+        if normal.any():
+            mass[k] = inertia.mass(trace.position[step], i, point, normal)
+    part = touching.human[moving]
+    human, limit = (np.array([of(name) for name in trace.human_names])[part] for of in (mass_of, energy_limit))
+    reduced = human / (1.0 + human / mass)
+    # one by one: the power of a number is the C library's, that of an array is not, and what was stored stays
+    squared = np.array([speed**2 for speed in touching.approach[moving].tolist()])
+    ratios[moving] = 0.5 * reduced * squared / limit
     return ratios

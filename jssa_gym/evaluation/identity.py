@@ -12,7 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from jssa_gym.evaluation.ledger import package_version, source_hash
+from jssa_gym.engine.source import package_version, source_hash
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT, ROBOTS, make_robot
 from jssa_gym.robots.mjcf import COLLISION_GROUP

@@ -2,8 +2,6 @@
 
 import csv
 import functools
-import hashlib
-import importlib.metadata
 import io
 import json
 import os
@@ -13,46 +11,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, get_args, get_type_hints
 
+from jssa_gym.engine.source import package_version, source_hash
 from jssa_gym.evaluation.plan import AnyRow, EpisodePlan
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.storage import append_whole, read_text, refused, whole_lines, write_whole
-
-_TELLING = (
-    "board",
-    "cli",
-    "datasets",
-    "paper",
-    "plots",
-    "rates.py",
-    "viewer",
-    "train",
-    "evaluation/comparison_page.py",
-    "evaluation/standings.py",
-    "evaluation/report.py",
-    "evaluation/statistics.py",
-    "evaluation/svg.py",
-)
-"""Parts of the package that only tell of episodes; all others decide how one goes or how it is judged."""
-
-
-def source_hash() -> str:
-    """Hash of all files that decide how an episode goes and how it is judged, models included."""
-    package, text = Path(__file__).parents[1], hashlib.sha256()
-    for file in sorted(package.rglob("*")):
-        name = file.relative_to(package).as_posix()
-        if file.suffix in (".py", ".xml", ".toml", ".npz") and not name.startswith(_TELLING):
-            text.update(name.encode())
-            text.update(file.read_bytes())
-    return text.hexdigest()[:16]
-
-
-def package_version() -> str:
-    """Version of the installed package."""
-    try:
-        return importlib.metadata.version("jssa-gym")
-    except importlib.metadata.PackageNotFoundError:  # run from a clone that is not installed
-        return "unknown"
-
 
 CONFIG = "campaign.json"
 """File of a folder that says what is tried: the first that is there."""

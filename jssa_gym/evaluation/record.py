@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.envs.arm import MOVING
+from jssa_gym.envs.repeat import ActionRepeat
 from jssa_gym.evaluation.definitions import metrics_of
 from jssa_gym.evaluation.steps import Steps, StepSummary, summarise_steps
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.shields.reasons import OUTSIDE
 from jssa_gym.types import Status
 from jssa_gym.validation import number_within, positive_integer
+from jssa_gym.vectors import refuse_vector
 
 _NEEDED = ("success", "distance", "contact", "contact_speed", "limit_violation")
 """Keys of ``info`` that there have to be; those of a shield may be missing."""
@@ -53,15 +55,19 @@ class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
         v_safe: Speed of the robot's touching point from which a contact is critical [m/s].
 
     Raises:
-        InterfaceError: The environment offers no ``dt``; at the first step, if ``info`` lacks a key.
+        InterfaceError: The environment offers no ``dt``, or repeats actions; at the first step, if ``info`` lacks a
+            key.
         ParameterError: A number is out of range.
     """
 
     def __init__(self, env: gym.Env, buffer_length: int = 100, v_safe: float = MOVING) -> None:
+        refuse_vector(env, "VectorRecordSafety")
         gym.utils.RecordConstructorArgs.__init__(self, buffer_length=buffer_length, v_safe=v_safe)
         gym.Wrapper.__init__(self, env)
         if not env.has_wrapper_attr("dt"):
             raise InterfaceError(f"{env} has no attribute 'dt', the control step [s]")
+        if _repeats(env):
+            raise InterfaceError(f"{env} repeats actions, and tells of all its ticks at once: RecordSafety goes inside")
         self._dt = float(env.get_wrapper_attr("dt"))
         self._d_min = float(env.get_wrapper_attr("d_min")) if env.has_wrapper_attr("d_min") else 0.05
         # tasks of other packages do not say whether they end
@@ -108,6 +114,13 @@ class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def _summary(self, terminated: bool) -> StepSummary:
         columns = [np.array(x, kind) for x, kind in zip(zip(*self._rows, strict=True), COLUMNS.values(), strict=True)]
         return summary_of(columns, terminated, self._dt, self._d_min, self._holds, self._v_safe)
+
+
+def _repeats(env: gym.Env) -> bool:
+    """Whether an action lasts for several control steps."""
+    while isinstance(env, gym.Wrapper) and not isinstance(env, ActionRepeat):
+        env = env.env
+    return isinstance(env, ActionRepeat)
 
 
 def summary_of(

@@ -15,7 +15,7 @@ from jssa_gym.evaluation.steps import StepSummary
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.tick.codes import CLIPPED
 from jssa_gym.validation import number_within, positive_integer
-from jssa_gym.vectors import Infos, stacked
+from jssa_gym.vectors import Infos, stacked, wrapper_with
 
 _ABSENT: dict[str, Any] = {
     "shield/status": 0, "shield/intervened": False, "shield/correction": np.nan, "shield/phi": np.nan,
@@ -36,7 +36,7 @@ class VectorRecordSafety(VectorWrapper):
         v_safe: Speed of the robot's touching point from which a contact is critical [m/s].
 
     Raises:
-        InterfaceError: It is another vector.
+        InterfaceError: It is another vector, or repeats actions.
         ParameterError: A number is out of range.
     """
 
@@ -45,6 +45,10 @@ class VectorRecordSafety(VectorWrapper):
         arms = env.unwrapped
         if not isinstance(arms, VectorArmEnv):
             raise InterfaceError(f"{env} is no VectorArmEnv: put a RecordSafety around each environment")
+        if wrapper_with(env, "ticks") is not None:
+            raise InterfaceError(
+                f"{env} repeats actions, and tells of all its ticks at once: VectorRecordSafety goes inside"
+            )
         self._arms = arms
         self._v_safe = number_within("v_safe", v_safe, 0.0)
         self._count = np.zeros(env.num_envs, np.int64)

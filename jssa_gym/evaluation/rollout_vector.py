@@ -13,7 +13,7 @@ from jssa_gym.evaluation.trace import trace_of_columns
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.policies.vector import VectorPolicy, arms_of
 from jssa_gym.shields.vector_perceived import PerceivingShield
-from jssa_gym.shields.words import KINDS
+from jssa_gym.shields.words import KINDS, kind_codes
 from jssa_gym.tick import layout
 from jssa_gym.types import Array, Status, Trace
 from jssa_gym.vectors import Infos, Mask
@@ -24,9 +24,8 @@ _TOLD = {
 }  # fmt: skip
 """What a shield says in numbers, and what stands there without one."""
 
-
-_KINDS = (*KINDS, "")
-"""Kinds by their codes; the last one, -1, is none."""
+_KINDS = np.array(KINDS, object)
+"""Kinds by their codes."""
 
 
 class TimedShield(PerceivingShield):
@@ -34,6 +33,11 @@ class TimedShield(PerceivingShield):
 
     elapsed = np.nan
     """What one arm has of the last call that decided for all that were under way [s]."""
+
+    @property
+    def chosen(self) -> NDArray[np.int64]:
+        """What was chosen by each arm's last decision, shape (E,); a view."""
+        return self._batch.answer.told["chosen"]
 
     def _decide(self, live: Mask) -> layout.Answer:
         start = time.perf_counter()
@@ -66,7 +70,7 @@ class VectorRecorder:
             )
         }
         self._told = {name: np.full(shape, absent) for name, absent in _TOLD.items()}
-        self._kind = np.full(shape, -1)
+        self._chosen = np.zeros(shape, np.int64)
         self._reasons: list[dict[int, str]] = [{} for _ in range(arms.num_envs)]
         self._state, self._ends = np.empty((*shape, 3, n)), np.empty((*shape, *ends[0, :2].shape))
         self._near, self._pair = np.empty((*shape, 3)), np.empty((*shape, 2), np.int64)
@@ -91,11 +95,12 @@ class VectorRecorder:
         if shield is None:
             self._nominal[t] = infos["jerk"]
         else:
-            self._nominal[t], self._kind[t], self._elapsed[t] = shield.nominal, shield.kind_codes(), shield.elapsed
+            self._nominal[t], self._chosen[t], self._elapsed[t] = shield.nominal, shield.chosen, shield.elapsed
             for name, array in self._told.items():
                 array[t] = infos[f"shield/{name}"]
-            for e in np.flatnonzero(live & (infos["shield/status"] != Status.NOMINAL)).tolist():
-                self._reasons[e][t] = shield.reason(e)
+            told = np.flatnonzero(live & (infos["shield/status"] != Status.NOMINAL))
+            for e, reason in zip(told.tolist(), shield.reasons(told), strict=True):
+                self._reasons[e][t] = reason
         self._count += 1
 
     def trace(self, e: int, count: int, name: str = "", ended: str = "running") -> Trace:
@@ -137,12 +142,19 @@ class VectorRecorder:
             "acceleration_of_distance": near[:, 2],
             "pair": self._pair[own],
             "reason": [reasons.get(t, "") for t in range(count)],
-            "kind": [_KINDS[code] for code in self._kind[own].tolist()],
+            "kind": self._kinds(own),
             "shield_time": self._elapsed[own],
             "human_start": people[:, 0],
             "human_end": people[:, 1],
         }
         return trace_of_columns(once, columns)
+
+    def _kinds(self, own: tuple[slice, int]) -> list[str]:
+        """What kind of jerk was applied in the steps of an arm; nothing without a shield."""
+        status, choice, chosen = self._told["status"][own], self._told["choice"][own], self._chosen[own]
+        if self._shield is None:
+            return [""] * len(status)
+        return _KINDS[kind_codes({"status": status, "choice": choice, "chosen": chosen})].tolist()
 
 
 def rollouts(

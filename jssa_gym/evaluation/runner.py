@@ -9,10 +9,11 @@ from typing import Any
 
 import gymnasium as gym
 
+from jssa_gym.engine.cluster import Cluster, whose
+from jssa_gym.engine.workers import run
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.batch import at_once
 from jssa_gym.evaluation.blocked import warning
-from jssa_gym.evaluation.cluster import Cluster, whose
 from jssa_gym.evaluation.ledger import Chunk, Ledger, Results, worst
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.plan import AnyRow
@@ -22,7 +23,6 @@ from jssa_gym.evaluation.report import Report, write_reports
 from jssa_gym.evaluation.rows import EvaluationRow
 from jssa_gym.evaluation.study import Evaluation, Single
 from jssa_gym.evaluation.trace import read_meta
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, TraceError
 from jssa_gym.policies.vector import has_vector_form
 from jssa_gym.validation import whole_number

@@ -76,11 +76,11 @@ class Source:
     """Number of the first sample."""
 
     def sample(self, k: int) -> str:
-        """In words where a sample is."""
+        """Where a sample is, in words."""
         return f"{self.noun} {self.first + k}" if self.rows is None else f"row {self.rows[k]}"
 
     def value(self, k: int, name: str) -> str:
-        """In words where a value is."""
+        """Where a value is, in words."""
         column = "" if self.rows is None else "column "
         return f"{self.sample(k)}, {column}{name}"
 
@@ -108,7 +108,7 @@ def survey(recording: "Recording", source: Source | None = None) -> list[Oddity]
 
 
 def height_of(recording: "Recording") -> float:
-    """From the lowest axis to the top of the highest capsule, in the median of the samples [m]."""
+    """Height from the lowest axis to the top of the highest capsule, the median of the samples [m]."""
     heights = np.stack([recording.start[:, :, 2], recording.end[:, :, 2]])
     top = (heights + recording.radius).max(axis=(0, 2))
     return float(np.median(top - heights.min(axis=(0, 2))))

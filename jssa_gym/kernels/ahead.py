@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jssa_gym.kernels.capsules import capsule_pair
-from jssa_gym.kernels.chain import place_axes, pose
+from jssa_gym.kernels.chain import place_axes, place_present, pose
 from jssa_gym.kernels.index import direction
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.stopping import stop_length
@@ -50,7 +50,7 @@ def _moved(agent, t):
 
 
 @jit
-def _demand(motion, link, point, n, short, T, work):
+def _demand(motion, frames, link, point, n, short, T, work):
     r"""The row of one pair at one moment: reach the gap by the minimum-jerk move that is at rest there at T.
 
     .. math:: n^\top J u \ge \frac{60}{T^3} x - \frac{36}{T^2} n^\top J \dot q - \frac9T n^\top J \ddot q, \quad
@@ -66,7 +66,7 @@ def _demand(motion, link, point, n, short, T, work):
     for j in range(row.shape[0]):
         row[j] = 0.0
         if j <= link:
-            frame = work.frames[j]
+            frame = frames[j]
             row[j] = dot(n, cross(frame["axis"], subtract(point, frame["origin"])))
         x += row[j] * (posture[j] - state[0, j])
         rate += row[j] * state[1, j]
@@ -91,7 +91,8 @@ def predicted_rows(robot, motion, agents, foresight, work):
         is in the way.
     """
     people, levers, U, row = agents.shape[0], robot.levers, robot.limits[4], work.jerk
-    segments, posture, fastest, off, L, S = work.segments, work.posture, work.fastest, work.people_off, work.L, work.S
+    posture, fastest, off, L, S = work.posture, work.fastest, work.people_off, work.L, work.S
+    frames, segments = work.frames_present, work.segments_present
     wide = foresight.d_min + foresight.growth * foresight.horizon
     # once the stop is over, the arm stays where it is
     stopped, rests = stop_length(motion.plan) * motion.dt, False
@@ -103,8 +104,12 @@ def predicted_rows(robot, motion, agents, foresight, work):
         t = moment * foresight.step
         if not rests:
             posture_at(motion, t, posture, fastest)
-            pose(robot.links, posture, work.frames)
-            place_axes(work.frames, robot.capsules, segments)
+            if moment == 0:
+                place_present(robot, posture, work)
+            else:
+                frames, segments = work.frames, work.segments
+                pose(robot.links, posture, frames)
+                place_axes(frames, robot.capsules, segments)
             rests = t - motion.dt >= stopped
         for i in range(segments.shape[0]):
             part, rate = segments[i], 0.0
@@ -134,7 +139,9 @@ def predicted_rows(robot, motion, agents, foresight, work):
                 point = along(part["start"], part["end"], s)
                 middle = subtract(along(part["start"], part["end"], 0.5), along(start, end, 0.5))
                 n = direction(subtract(point, along(start, end, r)), gap + radii, middle)
-                right = _demand(motion, part["link"], point, n, short, max(t, foresight.soonest), work)
+                right = _demand(
+                    motion, frames, part["link"], point, n, short, max(t, foresight.soonest), work
+                )  # fmt: skip
                 authority = 0.0
                 for j in range(row.shape[0]):
                     authority += abs(row[j]) * U[j]

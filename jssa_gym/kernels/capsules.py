@@ -112,19 +112,25 @@ def put_balls(agents, balls):
 
 
 @jit
+def put_axes(agents, axes):
+    """All starts, ends and radii number by number, into ``axes`` (7, at least k) [m]; the last one fills what is left.
+
+    So they can be loaded into :data:`~jssa_gym.kernels.lanes.LANES`.
+    """
+    last = agents.shape[0] - 1
+    for k in range(axes.shape[1] if last >= 0 else 0):
+        agent = agents[min(k, last)]
+        for i in range(3):
+            axes[i, k], axes[3 + i, k] = agent["start"][i], agent["end"][i]
+        axes[6, k] = agent["radius"]
+
+
+@jit
 def apart(ball, other, far):
     """Whether a ball is farther than ``far`` [m] from another of :func:`put_balls`: then so are the axes in them."""
     middle, diameter = ball
     way = subtract(middle, other)
     return dot(way, way) > (2.0 * far + diameter + other[3]) ** 2
-
-
-@jit
-def balls_gap(ball, other):
-    """Gap of a ball and one of :func:`put_balls` [m], below 0 if they overlap; that of the axes in them is no less."""
-    middle, diameter = ball
-    way = subtract(middle, other)
-    return (np.sqrt(dot(way, way)) - diameter - other[3]) / 2.0
 
 
 @jit

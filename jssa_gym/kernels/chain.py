@@ -8,7 +8,7 @@ and :math:`\dot z = \omega\times z`; nothing is left out of the angular terms.
 import numpy as np
 
 from jssa_gym.kernels.jit import jit
-from jssa_gym.kernels.vector import add, along, cross, dot, put, scale, subtract
+from jssa_gym.kernels.vector import add, along, copy, cross, dot, fill, put, scale, subtract
 
 
 @jit
@@ -98,6 +98,12 @@ def forward(links, state, frames):
         frames: Result, shape (n,) of ``FRAME``, world coordinates.
     """
     pose(links, state[0], frames)
+    set_moving(links, state, frames)
+
+
+@jit
+def set_moving(links, state, frames):
+    """The second half of :func:`forward`, after :func:`pose`: velocity, acceleration and drift."""
     still = (0.0, 0.0, 0.0)
     for i in range(links.shape[0]):
         frame, q_dot, q_ddot = frames[i], state[1, i], state[2, i]
@@ -159,6 +165,38 @@ def place(frames, capsules, segments):
         segments: Result, shape (m,) of ``SEGMENT``.
     """
     place_axes(frames, capsules, segments)
+    move_axes(frames, capsules, segments)
+
+
+@jit
+def place_present(robot, position, work):
+    """Where the arm is at present, at ``position`` (n,), into ``work.frames_present`` and ``segments_present``.
+
+    Several parts of a tick look there: the first of them computes it. A tick begins with :func:`forget_present`.
+
+    Args:
+        robot: Its ``links`` and ``capsules``.
+        position: Shape (n,) [rad]; for another one than before it is computed anew.
+        work: As of :class:`~jssa_gym.tick.layout.Work`.
+    """
+    known = True
+    for j in range(position.shape[0]):
+        known = known and position[j] == work.present[j]
+    if not known:
+        copy(position, work.present)
+        pose(robot.links, position, work.frames_present)
+        place_axes(work.frames_present, robot.capsules, work.segments_present)
+
+
+@jit
+def forget_present(work):
+    """Nothing is known of where the arm is at present."""
+    fill(work.present, np.nan)
+
+
+@jit
+def move_axes(frames, capsules, segments):
+    """The second half of :func:`place`, after :func:`place_axes`: velocities and accelerations."""
     for i in range(capsules.shape[0]):
         capsule, segment = capsules[i], segments[i]
         frame = frames[capsule["link"]]

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jssa_gym.kernels.capsules import capsule_pair, common_pair, plane_pair, stands
-from jssa_gym.kernels.chain import forward, place, point_on
+from jssa_gym.kernels.chain import forward, move_axes, place, point_on, set_moving
 from jssa_gym.kernels.jit import inlined, jit, part
 from jssa_gym.kernels.lanes import LANES, lanes
 from jssa_gym.kernels.motion import integrate
@@ -328,11 +328,12 @@ def reassess(links, capsules, state, agents, planes, index, above, ahead, frames
         links, capsules, state, agents, planes, index: As of :func:`assess`.
         above: The level [m²].
         ahead: From :func:`assess`.
-        frames, segments: Results, the robot at that state.
+        frames, segments: Where the robot is at that state, of :func:`~jssa_gym.kernels.chain.pose` and
+            :func:`~jssa_gym.kernels.chain.place_axes`; how it moves becomes known.
         now: Result, shape (m, k + p) of ``PAIR``: ``phi`` of these pairs.
     """
-    forward(links, state, frames)
-    place(frames, capsules, segments)
+    set_moving(links, state, frames)
+    move_axes(frames, capsules, segments)
     for i in range(segments.shape[0]):
         for j in range(agents.shape[0] + planes.shape[0]):
             if not ahead[i, j]["phi"] <= above:

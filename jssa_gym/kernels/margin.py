@@ -6,9 +6,10 @@ in a few moments only, and leaves out half-spaces, static capsules and the arm i
 
 import numpy as np
 
-from jssa_gym.kernels.capsules import ball_around, balls_gap, capsule_pair, put_balls
+from jssa_gym.kernels.capsules import capsule_pair, common_pair, put_axes
 from jssa_gym.kernels.chain import place_axes, pose
 from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.lanes import LANES, lanes
 from jssa_gym.kernels.region import room_inside
 from jssa_gym.kernels.rest import REST_SPEED
 from jssa_gym.kernels.vector import copy, fill
@@ -53,7 +54,7 @@ def margin(robot, motion, ticks, around, work):
         return np.inf
     for k in range(agents.shape[0]):
         slowest = min(slowest, growth[k])
-    put_balls(agents, work.balls)
+    put_axes(agents, work.axes)
     posture_at(motion, 0.0, posture, fastest)
     speed, lowest, then = _quickest(robot, fastest), -np.inf, length
     fill(room, -np.inf)
@@ -131,24 +132,31 @@ def _go_back(robot, posture, later, widening, room):
 @part
 def _least_of(robot, i, part, until, least, around, work):
     """The smallest gap of all so far, and one that capsule i, ``part``, is not below towards anybody [m]."""
-    agents, balls, touch = around.agents, work.balls, around.touch
-    spin, nearest = 0.0, np.inf
-    ball = ball_around(part)
+    sx, sy, sz, ex, ey, ez = lanes(), lanes(), lanes(), lanes(), lanes(), lanes()
+    radii, gap, holds = lanes(), lanes(), lanes()
+    agents, touch, axes, count = around.agents, around.touch, work.axes, around.agents.shape[0]
+    thick, spin, nearest = part["radius"], 0.0, np.inf
     for j in range(part["link"] + 1):
-        spin += (robot.levers[i, j] + part["radius"]) * work.fastest[j]
-    for k in range(agents.shape[0]):
-        agent = agents[k]
-        radii = part["radius"] + agent["radius"]
-        taken = around.reach[k] + around.growth[k] * until
-        far = balls_gap(ball, balls[k]) - radii - taken
-        if far > least + _ROUNDING:
-            nearest = min(nearest, far)
-            continue
-        gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
-        left = gap - taken if not np.isnan(gap - taken) else -np.inf
-        nearest = min(nearest, left)
-        if not spin <= max(touch[k], REST_SPEED):
-            least = min(least, left)
+        spin += (robot.levers[i, j] + thick) * work.fastest[j]
+    a = part["start"][0], part["start"][1], part["start"][2]
+    b = part["end"][0], part["end"][1], part["end"][2]
+    for first in range(0, count, LANES):
+        for k in range(LANES):
+            sx[k], sy[k], sz[k] = axes[0, first + k], axes[1, first + k], axes[2, first + k]
+            ex[k], ey[k], ez[k] = axes[3, first + k], axes[4, first + k], axes[5, first + k]
+            radii[k] = thick + axes[6, first + k]
+        for k in range(LANES):
+            gap[k], _, _, common = common_pair(a, b, (sx[k], sy[k], sz[k]), (ex[k], ey[k], ez[k]), radii[k])
+            holds[k] = 1.0 if common else 0.0
+        for k in range(min(LANES, count - first)):
+            if holds[k] == 0.0:
+                agent = agents[first + k]
+                gap[k], _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii[k])
+            left = gap[k] - (around.reach[first + k] + around.growth[first + k] * until)
+            left = left if not np.isnan(left) else -np.inf
+            nearest = min(nearest, left)
+            if not spin <= max(touch[first + k], REST_SPEED):
+                least = min(least, left)
     if around.pieces.shape[0] > 1:
         left = room_inside(part["start"], part["end"], part["radius"], around.faces, around.pieces)
         left -= around.entry_reach + around.entry_speed * until

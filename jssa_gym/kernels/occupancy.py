@@ -38,9 +38,11 @@ def confine_people(people, age, lag, error, tracks, confined):
     """
     for k in range(age.shape[0]):
         one, track = confined[k], tracks[k]
-        one["late"], one["error"] = age[k] + lag, error
         one["slower"][0], one["slower"][1] = track["slower"][0], track["slower"][1]
         one["acceleration"] = track["acceleration"] if track["steady"] == STEADY else 0.0
+        if not is_confined(one):
+            continue
+        one["late"], one["error"] = age[k] + lag, error
         one["velocity_error"] = track["velocity_error"]
         for i in range(3):
             start, way = people[0, k, i], people[1, k, i] - people[0, k, i]
@@ -49,6 +51,12 @@ def confine_people(people, age, lag, error, tracks, confined):
             one["start_velocity"][i], one["end_velocity"][i] = people[2, k, i], people[3, k, i]
         fastest = max(dot(people[2, k], people[2, k]), dot(people[3, k], people[3, k]))
         one["speed"] = np.sqrt(fastest)
+
+
+@jit
+def is_confined(one):
+    """Whether anything confines a body part, a ``CONFINED``, more closely than its capsule does."""
+    return one["slower"][0] > 0.0 or one["slower"][1] > 0.0 or one["acceleration"] > 0.0
 
 
 @part

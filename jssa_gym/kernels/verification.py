@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from jssa_gym.kernels import lanes as together
 from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, plane_pair, put_balls, stands
-from jssa_gym.kernels.chain import place_axes, pose
+from jssa_gym.kernels.chain import place_axes, place_present, pose
 from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.lanes import LANES, lanes
-from jssa_gym.kernels.occupancy import apart_for
+from jssa_gym.kernels.occupancy import apart_for, is_confined
 from jssa_gym.kernels.records import FACE, records
 from jssa_gym.kernels.region import room_inside
 from jssa_gym.kernels.rest import REST_SPEED
-from jssa_gym.kernels.stopping import peak_from, peak_speed, stop_at
+from jssa_gym.kernels.stopping import peak_from, peak_speed, stop_at, stop_length
 from jssa_gym.kernels.vector import fill, fill_rows
 
 SHORTEST = 5e-4
@@ -31,6 +31,9 @@ SHORTEST = 5e-4
 
 _ROUNDING = 1e-9
 """By how much a pair has to be apart for longer than another for that to be more than rounding [s]."""
+
+_CLOSED = 1e-6
+"""By how much a gap has to be closed for that to be more than rounding [m]."""
 
 _LOOKS = 250
 """Most moments that are looked at before a stop counts as not verifiable."""
@@ -223,6 +226,37 @@ def beside_people(around):
 
 
 @jit
+def surely_meets(robot, motion, around, i, k, work):
+    """Whether :func:`keeps_clear` would find capsule i, or something before it, in the way of person k: for certain.
+
+    For pairs that were in the way of a stop much like this one. What is looked at is one moment, half a tick before
+    the capsule comes to rest: by then the person has grown most. Every look of a verification before it promises that
+    the pair is apart for a while, and the capsule turns no slower then; so none can lead beyond a gap that is closed.
+
+    Args:
+        robot, motion, around, work: See :func:`keeps_clear`.
+        i, k: The pair. False says nothing.
+    """
+    capsule, agent, spin = robot.capsules[i], around.agents[k], 0.0
+    if is_confined(around.confined[k]):
+        return False  # then the pair may be apart where the gap is closed
+    joints = capsule["link"] + 1
+    t = motion.dt * (0.5 + stop_length(motion.plan[:joints]))
+    posture_at(motion, t, work.posture, work.fastest)
+    for j in range(joints):
+        spin += (robot.levers[i, j] + capsule["radius"]) * work.fastest[j]
+    if not spin > 2.0 * max(around.touch[k], REST_SPEED):
+        return False
+    pose(robot.links[:joints], work.posture, work.frames_now)
+    place_axes(work.frames_now, robot.capsules[i : i + 1], work.segments_now[i : i + 1])
+    part = work.segments_now[i]
+    gap, _, _ = capsule_pair(
+        part["start"], part["end"], agent["start"], agent["end"], part["radius"] + agent["radius"]
+    )  # fmt: skip
+    return gap - around.reach[k] - around.growth[k] * t < -_CLOSED
+
+
+@jit
 def _off(until, t, lasting):
     """Whether a pair that is apart until some time cannot be what is met next, and need not be looked at [s]."""
     return until - t - _ROUNDING > max(lasting, SHORTEST)
@@ -252,7 +286,7 @@ def keeps_clear(robot, motion, ticks, around, work):
     """
     dt, levers, agents, margin = motion.dt, robot.levers, around.agents, around.margin
     reach, speed, touch, statics, planes = around.reach, around.growth, around.touch, around.statics, around.planes
-    fastest, frames, segments, self_pairs = work.fastest, work.frames_now, work.segments_now, robot.self_pairs
+    fastest, self_pairs = work.fastest, robot.self_pairs
     balls, pieces, entry_speed = work.balls, around.pieces, around.entry_speed
     # until when each pair is known to be apart: the arm only slows down, so that what a gap lasts is a promise
     people_off, planes_off, statics_off, self_off = work.people_off, work.planes_off, work.statics_off, work.self_off
@@ -264,8 +298,13 @@ def keeps_clear(robot, motion, ticks, around, work):
     end, t = dt * (1 + ticks), 0.0
     for _ in range(_LOOKS):
         posture_at(motion, t, work.posture, fastest)
-        pose(robot.links, work.posture, frames)
-        place_axes(frames, robot.capsules, segments)
+        if t == 0.0:
+            segments = work.segments_present
+            place_present(robot, work.posture, work)
+        else:
+            segments = work.segments_now
+            pose(robot.links, work.posture, work.frames_now)
+            place_axes(work.frames_now, robot.capsules, segments)
         lasting = end - t
         for i in range(segments.shape[0]):
             part = segments[i]

@@ -16,7 +16,7 @@ from jssa_gym.humans import nobody
 from jssa_gym.policies.delays import Delay
 from jssa_gym.policies.jpc import JPCPolicy
 from jssa_gym.types import Array, JointState, Scene
-from jssa_gym.vectors import Mask
+from jssa_gym.vectors import Mask, wrapper_with
 
 
 class VectorJPCPolicy:
@@ -49,7 +49,7 @@ class VectorJPCPolicy:
         if not isinstance(arms, VectorArmEnv):
             raise InterfaceError(f"{envs} is no VectorArmEnv: give each environment a JPCPolicy of its own")
         self._arms = arms
-        self._shield: Any = envs if hasattr(envs, "offer") else None
+        self._shield: Any = wrapper_with(envs, "offer")
         count, self._robot = arms.num_envs, arms.robot
         self._seats = [_Seat(arms, e, self._shield is not None) for e in range(count)]
         self._policies: list[Any] = [

@@ -10,6 +10,7 @@ a joint's axis, and where the arm is stretched, it grows without end. But :math:
 is sound in every posture, at every point and for every arm.
 """
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -76,6 +77,7 @@ _CALLED = (
 """Words in a body part's name, and the regions that it may be: of each group the first that fits, of all groups."""
 
 
+@functools.lru_cache(maxsize=256)  # asked again of every touch
 def regions_of(part: str) -> tuple[BodyRegion, ...]:
     """The regions that a body part of this name may be; all of them for a name that says nothing that is known."""
     found = (next((regions for words, regions in group if is_called(part, words)), ()) for group in _CALLED)

@@ -30,6 +30,7 @@ from jssa_gym.shields.reasons import reason_code
 from jssa_gym.shields.registry import PUBLISHED_FORM, TASK_SHIELD, WHOLE, changed_params, make_filter, read_name
 from jssa_gym.shields.wrappers import refuse_other_actions
 from jssa_gym.types import Decision, Scene, Status
+from jssa_gym.vectors import refuse_vector
 
 _logger = logging.getLogger("jssa_gym")
 
@@ -106,6 +107,7 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         stop: bool | FailsafeParams | Mapping[str, Any] = False,
         **params: Any,
     ) -> None:
+        refuse_vector(env, "VectorShield(envs, filter)")
         if not isinstance(filter, str):
             gym.utils.RecordConstructorArgs.__init__(self, filter=filter)
         gym.Wrapper.__init__(self, env)

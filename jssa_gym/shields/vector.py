@@ -38,7 +38,8 @@ class VectorShield(VectorWrapper):
 
     What environment ``e`` gives is what ``Shield(env, filter)`` around a single one gives, bit for bit. ``infos`` has
     the same keys but for the words, ``shield/reason`` and ``shield/kind``: :meth:`reasons` and :meth:`kinds` say them
-    of the last step; ``shield/reason_code`` is there.
+    of the last step; ``shield/reason_code`` is there. Where an episode begins anew in the very step that ends another,
+    ``infos["final_info"]`` has the words of the end.
 
     Args:
         env: A :class:`~jssa_gym.envs.vector.VectorArmEnv`.
@@ -53,7 +54,10 @@ class VectorShield(VectorWrapper):
     def __init__(self, env: VectorEnv, filter: SafetyFilter | str | Mapping[str, Any]) -> None:
         super().__init__(env)
         if missing := [name for name in _NEEDED if not hasattr(env, name)]:
-            raise InterfaceError(f"{env} has no {', '.join(missing)}: a vector shield goes around a VectorArmEnv")
+            raise InterfaceError(
+                f"{env} has no {', '.join(missing)}: a vector shield goes around a VectorArmEnv itself, and wrappers "
+                "around the shield"
+            )
         self._arms: Any = env
         one = self._arms.prototype
         if isinstance(filter, str):
@@ -127,27 +131,41 @@ class VectorShield(VectorWrapper):
         began = self._arms.began
         if began.any():
             if "final_info" in infos:
-                infos["final_info"] |= as_infos({key: value.copy() for key, value in values.items()}, began)
+                last = {key: value.copy() for key, value in values.items()} | self._said(began)
+                infos["final_info"] |= as_infos(last, began)
             for key, value in self._begin(began).items():
                 values[key][began] = value[began]
         return observations, rewards, terminated, truncated, infos | as_infos(values, np.ones_like(began))
+
+    def _said(self, which: Mask) -> dict[str, NDArray[Any]]:
+        """What is said in words of the last step to some arms; nobody can ask once they have begun anew."""
+        reasons, kinds = np.full((2, self.num_envs), "", object)
+        for e in np.flatnonzero(which).tolist():
+            reasons[e] = self.reason(e)
+        kinds[which] = np.array(KINDS, object)[self.kind_codes()[which]]
+        return {"shield/reason": reasons, "shield/kind": kinds}
 
     @property
     def nominal(self) -> Array:
         """What was asked for in the last step, shape (E, n) [rad/s³]; 0 at the beginning of an episode. A view."""
         return self._nominal
 
-    def reasons(self) -> list[str]:
-        """Why each jerk of the last step, or at the beginning of an episode, is not the nominal: ``shield/reason``."""
-        return [self.reason(e) for e in range(self.num_envs)]
+    def reasons(self, which: NDArray[np.intp] | None = None) -> list[str]:
+        """Why each jerk of the last step, or at the beginning of an episode, is not the nominal: ``shield/reason``.
+
+        Args:
+            which: Numbers of the arms that are asked about, shape (k,); None: all.
+        """
+        which = np.arange(self.num_envs) if which is None else which
+        batch, robot = self._batch, self.filter.robot
+        return [
+            in_words(Told(*told), self._nominal[e], robot, _Records(batch, self._settings, e), self._named(e))  # ty: ignore[invalid-argument-type]
+            for e, told in zip(which.tolist(), batch.answer.told[which].tolist(), strict=True)
+        ]
 
     def reason(self, e: int) -> str:
         """The reason of arm ``e`` alone."""
-        batch = self._batch
-        if batch.answer.told["status"][e] == codes.NOMINAL:
-            return ""
-        told, records = Told(*batch.answer.told[e].item()), _Records(batch, self._settings, e)
-        return in_words(told, self._nominal[e], self.filter.robot, records, self._named(e))  # ty: ignore[invalid-argument-type]
+        return self.reasons(np.array([e]))[0]
 
     def kinds(self) -> list[Kind]:
         """What kind of jerk is applied to each: ``shield/kind``."""

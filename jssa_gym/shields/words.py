@@ -1,5 +1,6 @@
 """What a control step answered, in words: the only place where codes become text."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -80,11 +81,11 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 """Kinds of jerks; :func:`kind_codes` says them by their place here."""
 
 
-def kind_codes(told: NDArray[Any]) -> NDArray[np.int64]:
+def kind_codes(told: NDArray[Any] | Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
     """:func:`kind_of` of many answers, shape (E,), as their places in :data:`KINDS`.
 
     Args:
-        told: Shape (E,) of :data:`~jssa_gym.tick.layout.ANSWER`.
+        told: Shape (E,) of :data:`~jssa_gym.tick.layout.ANSWER`; or its fields ``status``, ``choice`` and ``chosen``.
     """
     status, chosen = told["status"], told["chosen"]
     graded = (chosen == HALFWAY) | (chosen == GRADED)

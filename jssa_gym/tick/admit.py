@@ -15,6 +15,7 @@ from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_j
 from jssa_gym.kernels.vector import copy, copy_rows
 from jssa_gym.kernels.verification import (
     LIMITS,
+    REACH,
     SAFE,
     Around,
     StepAndStop,
@@ -23,6 +24,7 @@ from jssa_gym.kernels.verification import (
     keeps_limits,
     load_fixtures,
     load_people,
+    surely_meets,
 )
 from jssa_gym.tick import codes
 from jssa_gym.tick.region import entered
@@ -115,8 +117,14 @@ def verify(robot, settings, memory, jerk, hardness, room, work, e):
     Returns:
         ``SAFE``, or what is in the way: its code, the robot's capsule, the other's number, the time of contact [s].
     """
-    state = memory.state[e]
     ticks = plan_behind(settings, memory, jerk, hardness, work, e)
+    return verify_planned(robot, settings, memory, jerk, ticks, room, work, e)
+
+
+@jit
+def verify_planned(robot, settings, memory, jerk, ticks, room, work, e):
+    """:func:`verify` of the stop, so many ticks long, that has been planned already (:func:`plan_behind`)."""
+    state = memory.state[e]
     # however soft a stop is, the limits that it has to keep are the true ones
     if not keeps_limits(state, jerk, work.after, work.next, settings.stop_limits, settings.dt):
         return LIMITS, -1, -1, 0.0
@@ -124,7 +132,19 @@ def verify(robot, settings, memory, jerk, hardness, room, work, e):
     around = _seen_by_stop(settings, memory, work, e)
     if clears_people(robot, motion, ticks, room, work):
         around = beside_people(around)
-    return keeps_clear(robot, motion, ticks, around, work)
+    code, row, column, moment = keeps_clear(robot, motion, ticks, around, work)
+    if code == REACH:
+        work.met[0], work.met[1] = row, column
+    return code, row, column, moment
+
+
+@jit
+def _meets_the_same(robot, settings, memory, jerk, work, e):
+    """Whether who was in the way of the stop before is surely in that of the one that has been planned."""
+    if work.met[0] < 0:
+        return False
+    motion = StepAndStop(memory.state[e], jerk, work.after, work.next, settings.dt)
+    return surely_meets(robot, motion, _seen_by_stop(settings, memory, work, e), work.met[0], work.met[1], work)
 
 
 @jit
@@ -145,7 +165,11 @@ def softest(robot, settings, memory, jerk, first, end, work, e):
     """
     code, row, column, moment = LIMITS, -1, -1, 0.0
     for hardness in range(first, end):
-        code, row, column, moment = keeps_safe(robot, settings, memory, jerk, hardness, work, e)
+        ticks = plan_behind(settings, memory, jerk, hardness, work, e)
+        # what is in the way is told of the last one alone
+        if hardness + 1 < end and _meets_the_same(robot, settings, memory, jerk, work, e):
+            continue
+        code, row, column, moment = verify_planned(robot, settings, memory, jerk, ticks, np.nan, work, e)
         if code == SAFE:
             return hardness, code, row, column, moment
     return settings.hardness.shape[0], code, row, column, moment

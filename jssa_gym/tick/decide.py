@@ -9,6 +9,7 @@ import numpy as np
 
 from jssa_gym.kernels import verification
 from jssa_gym.kernels.capsules import load_agents
+from jssa_gym.kernels.chain import forget_present
 from jssa_gym.kernels.contact import unsound
 from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.motion import brake, integrate, make_representable
@@ -75,6 +76,8 @@ def prepare(robot, settings, memory, scene, nominal, work, answer, e):
         for rows, the box, and the nominal in it.
     """
     _clear(answer.told[e])
+    forget_present(work)
+    work.met[0], work.met[1] = -1, -1
     if settings.guarded:
         fault = _believed_present(settings, memory, scene, nominal, work, answer, e)
     else:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.kernels.lanes import LANES
 from jssa_gym.kernels.projection import scratch
 from jssa_gym.kernels.records import AGENT, CONFINED, FRAME, PAIR, PLANE, SEGMENT, STOP, TRACK, records
 from jssa_gym.kernels.verification import NO_FACES, NO_PIECES
@@ -278,7 +279,14 @@ class Work(NamedTuple):
     """... and its capsules, shape (m,) of ``SEGMENT``, at the end of the step ..."""
     frames_now: NDArray
     segments_now: NDArray
-    """... and at its beginning."""
+    """... and at its beginning, or wherever else is looked at."""
+    present: Floats
+    """Joint position of which the next two are, shape (n,) [rad]; NaN for none."""
+    frames_present: NDArray
+    segments_present: NDArray
+    """The arm at present, see :func:`~jssa_gym.kernels.chain.place_present`."""
+    met: NDArray[np.int64]
+    """Robot capsule and person in the way of the last stop in whose way somebody was, shape (2,); -1 for nobody."""
     pairs: NDArray
     """Shape (m, k + c + p) of ``PAIR``."""
     pairs_now: NDArray
@@ -315,6 +323,8 @@ class Work(NamedTuple):
     """Shape (m,) [m]."""
     balls: Floats
     """Around people, shape (k, 4), see :func:`~jssa_gym.kernels.capsules.put_balls`."""
+    axes: Floats
+    """People's capsules number by number, shape (7, k or more), see :func:`~jssa_gym.kernels.capsules.put_axes`."""
     people_off: Floats
     """Shape (m, k) ..."""
     planes_off: Floats
@@ -407,6 +417,10 @@ def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_row
         segments=records(m, SEGMENT),
         frames_now=records(n, FRAME),
         segments_now=records(m, SEGMENT),
+        present=np.full(n, np.nan),
+        frames_present=records(n, FRAME),
+        segments_present=records(m, SEGMENT),
+        met=np.full(2, -1),
         pairs=records(pairs, PAIR),
         pairs_now=records(pairs, PAIR),
         after=np.zeros((3, n)),
@@ -428,6 +442,7 @@ def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_row
         later=np.zeros(n),
         room=np.zeros(m),
         balls=np.zeros((people, 4)),
+        axes=np.zeros((7, -(-people // LANES) * LANES)),
         people_off=np.zeros((m, people)),
         planes_off=np.zeros((m, planes)),
         statics_off=np.zeros((m, statics)),

@@ -17,7 +17,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from jssa_gym.evaluation.workers import UNABLE
+from jssa_gym.engine.workers import UNABLE
 from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network
@@ -26,7 +26,7 @@ from jssa_gym.train.config import INSTALL, TrainConfig
 from jssa_gym.train.environment import makers
 from jssa_gym.train.lagrangian import ConstrainedPPO, ConstrainedSAC, CostBuffer, CostLimit, ExecutedBuffer
 from jssa_gym.train.settings import PPO, TD3, TQC, OffPolicy, PPOLagrangian, SACLagrangian
-from jssa_gym.train.vector import ArmVecEnv
+from jssa_gym.train.vector import ArmVecEnv, training_vector
 
 _CLIP = 10.0
 """Normalised observations are clipped to this."""
@@ -35,7 +35,7 @@ _CLIP = 10.0
 def make_vec_env(config: TrainConfig) -> VecEnv:
     """The environments, stepped together."""
     if config.steps_as_vector:
-        return ArmVecEnv(config)
+        return ArmVecEnv(training_vector(config))
     functions: list[Callable[[], gym.Env]] = [partial(_monitored, make) for make in makers(config)]
     if config.processes:
         try:

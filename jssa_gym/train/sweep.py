@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jssa_gym.evaluation.cluster import Cluster, whose
-from jssa_gym.evaluation.workers import run
+from jssa_gym.engine.cluster import Cluster, whose
+from jssa_gym.engine.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.train.config import TrainConfig
 from jssa_gym.train.history import Leg

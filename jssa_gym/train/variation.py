@@ -130,7 +130,7 @@ class Curriculum(gym.Wrapper, gym.utils.RecordConstructorArgs):
 
     @property
     def difficulty(self) -> float:
-        """From the next reset on, in [0, 1]."""
+        """How difficult episodes are, in [0, 1]; of the next reset on."""
         return self._next
 
     def set_difficulty(self, difficulty: float) -> None:

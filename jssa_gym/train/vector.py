@@ -1,4 +1,4 @@
-"""Many environments of a training in one vector, as Stable-Baselines3 takes them."""
+"""Many environments of a training in one vector, and any vector as Stable-Baselines3 takes it."""
 
 import time
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import VectorEnv, VectorWrapper
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
@@ -15,13 +15,14 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from jssa_gym.control.vector import VectorJPCAction
 from jssa_gym.entry_points import make_vector
 from jssa_gym.envs.vector import VectorActionRepeat, VectorArmEnv
+from jssa_gym.envs.vector.options import checked_mode
 from jssa_gym.evaluation.record_vector import VectorRecordSafety
+from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.registration import ENTRIES
-from jssa_gym.shields.vector import VectorShield
 from jssa_gym.train.config import TrainConfig
 from jssa_gym.train.environment import ENDINGS
 from jssa_gym.types import Array
-from jssa_gym.vectors import Infos
+from jssa_gym.vectors import Infos, wrapper_with
 
 
 class _Told(VectorWrapper):
@@ -57,44 +58,59 @@ class _Told(VectorWrapper):
         return np.concatenate([observations, last[:, None].astype(np.float32)], axis=1)
 
 
-class ArmVecEnv(VecEnv):
-    """The environments of a training, stepped in one compiled call a tick.
+def training_vector(config: TrainConfig) -> VectorEnv:
+    """The environments of a training, as many as it has: what :func:`~jssa_gym.train.environment.training_env` chains
+    around one, around all of them.
+    """
+    people = {} if config.human is None else {"human": config.human}
+    made = make_vector(
+        config.envs,
+        config.task,
+        shield=ENTRIES[config.task].shield if config.shield else None,
+        robot=config.robot,
+        terminate_on=ENDINGS,
+        autoreset_mode="Disabled",
+        **people,
+    )
+    env: VectorEnv = _Told(VectorRecordSafety(made), config)
+    if config.control != "jerk":
+        env = VectorJPCAction(env, mode=config.control, share=config.share)
+    return VectorActionRepeat(env, config.ticks, "Disabled", ("cost", "is_success", "safety"))
 
-    It gives, bit for bit, what a ``DummyVecEnv`` of :func:`~jssa_gym.train.environment.training_env` gives; the
-    dictionaries in ``infos`` have what Stable-Baselines3 and :func:`~jssa_gym.train.train` read at the ends of
-    episodes, ``TimeLimit.truncated`` and ``cost``, no more.
+
+class ArmVecEnv(VecEnv):
+    """A vector of environments as Stable-Baselines3 takes it.
+
+    It gives, bit for bit, what a ``DummyVecEnv`` of monitored single environments gives; the dictionaries in ``infos``
+    have what Stable-Baselines3 and :func:`~jssa_gym.train.train` read at the ends of episodes,
+    ``TimeLimit.truncated`` and ``cost``, no more.
 
     Args:
-        config: The training.
+        env: A :class:`~jssa_gym.VectorArmEnv`, in whatever wrappers, that leaves it to others when episodes begin:
+            ``autoreset_mode="Disabled"``.
+
+    Raises:
+        InterfaceError: It is another vector.
+        ParameterError: It begins episodes by itself.
     """
 
-    def __init__(self, config: TrainConfig) -> None:
-        people = {} if config.human is None else {"human": config.human}
-        made = make_vector(
-            config.envs,
-            config.task,
-            shield=ENTRIES[config.task].shield if config.shield else None,
-            robot=config.robot,
-            terminate_on=ENDINGS,
-            autoreset_mode="Disabled",
-            **people,
-        )
-        arms = made.unwrapped
-        assert isinstance(arms, VectorArmEnv)
-        self.arms = arms
-        self._shield = made if isinstance(made, VectorShield) else None
-        env: VectorEnv = _Told(VectorRecordSafety(made), config)
-        if config.control != "jerk":
-            env = VectorJPCAction(env, mode=config.control, share=config.share)
-        self._env = VectorActionRepeat(env, config.ticks, "Disabled", ("cost", "is_success", "safety"))
-        self._returns, self._begun = np.zeros(config.envs), time.time()
-        self._lengths = np.zeros(config.envs, np.int64)
+    def __init__(self, env: VectorEnv) -> None:
+        arms = env.unwrapped
+        if not isinstance(arms, VectorArmEnv):
+            raise InterfaceError(f"{env} is no VectorArmEnv: put single environments into a DummyVecEnv")
+        if (mode := checked_mode(env.metadata["autoreset_mode"])) != AutoresetMode.DISABLED:
+            raise ParameterError(
+                f'the vector begins episodes by itself, {mode}: make it with autoreset_mode="Disabled"'
+            )
+        self.arms, self._env, self._shield = arms, env, wrapper_with(env, "reasons")
+        self._returns, self._begun = np.zeros(env.num_envs), time.time()
+        self._lengths = np.zeros(env.num_envs, np.int64)
         self._actions: NDArray[Any] = np.zeros(env.action_space.shape or ())
-        super().__init__(config.envs, env.single_observation_space, env.single_action_space)
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> VecEnvObs:
         """Reset all environments, with the seeds of :meth:`seed`."""
-        observations, _ = self._env.reset(seed=self._seeds)
+        observations, _ = self._env.reset(seed=self._seeds)  # ty: ignore[invalid-argument-type]  # or a list
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
@@ -115,10 +131,10 @@ class ArmVecEnv(VecEnv):
             reasons = [""] * self.num_envs if self._shield is None else self._shield.reasons()
             for e in np.flatnonzero(done).tolist():
                 cut = bool(truncated[e] and not terminated[e])
-                told[e] |= self._end(e, cut, bool(infos["is_success"][e]), seen[e].copy()) | {
-                    "safety": {name: array[e].item() for name, array in infos["safety"].items() if name[0] != "_"},
-                    "shield/reason": reasons[e],
-                }
+                told[e] |= self._end(e, cut, bool(infos["is_success"][e]), seen[e].copy())
+                told[e]["shield/reason"] = reasons[e]
+                if (safety := infos.get("safety")) is not None:
+                    told[e]["safety"] = {name: of[e].item() for name, of in safety.items() if name[0] != "_"}
             seen = np.where(done[:, None], self._env.reset(options={"reset_mask": done})[0], seen)
         return seen, rewards.astype(np.float32), done, told
 

@@ -23,10 +23,10 @@ from jssa_gym import plots
 from jssa_gym.cli import terminal
 from jssa_gym.cli.arguments import given_once
 from jssa_gym.cli.terminal import Terminal, prepared
+from jssa_gym.engine.workers import run
 from jssa_gym.envs import ArmEnv
 from jssa_gym.evaluation import rollout, save_trace
 from jssa_gym.evaluation.svg import Markup, Panel, tag
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, HoldPolicy
 from jssa_gym.shields import FILTERS

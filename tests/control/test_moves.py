@@ -11,7 +11,7 @@ import scipy.sparse
 from plans import DT, assert_kept, one_joint, played, rest
 
 from jssa_gym.control import Plan, moves, plan_approach, plan_brake, plan_move, plan_waypoints
-from jssa_gym.control.inverse import postures_for, way_is_clear
+from jssa_gym.control.inverse import descend, postures_for, way_is_clear
 from jssa_gym.control.moves import brake_jerk, fewest_ticks
 from jssa_gym.envs import ArmEnv
 from jssa_gym.exceptions import InfeasibleError, ParameterError, UnreachableError
@@ -217,6 +217,19 @@ def test_a_seed_fixes_the_postures(robot):
         postures_for(robot, [0.5, 0.2, 1.3], TABLE, np.array(robot.home), np.random.default_rng(4)) for _ in range(2)
     )
     np.testing.assert_array_equal(one, two)
+
+
+def test_many_descents_at_once_are_those_of_each_seed(robot):
+    rng, home, (low, high) = np.random.default_rng(0), np.array(robot.home), robot.limits.position.T
+    ended = []
+    for point in ([0.5, 0.2, 1.3], [0.3, -0.3, 1.1], [0.9, 0.1, 1.6]):  # the last one is hardly reached
+        seeds = np.concatenate([[home], rng.uniform(low, high, (8, robot.n))])
+        together = descend(robot, np.array(point), seeds, home, 1e-3)
+        for seed, one in zip(seeds, together, strict=True):
+            (alone,) = descend(robot, np.array(point), seed[None], home, 1e-3)
+            np.testing.assert_array_equal(np.array(one, float), np.array(alone, float))
+            ended.append(one is not None)
+    assert 0 < sum(ended) < len(ended)
 
 
 @pytest.mark.parametrize("point", [[2.0, 0.0, 1.2], [0.5, 0.0, 0.80], [0.0, 0.0, 1.0]])

@@ -1,6 +1,7 @@
 """Many environments at once: each gives what a single one gives that was reset with the same seed, bit for bit."""
 
 import copy
+import itertools
 import pickle
 
 import gymnasium as gym
@@ -245,6 +246,14 @@ def test_a_hundred_thousand_steps_are_as_alone(task, shield):
         )
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_beside_everybody_behind_every_filter_is_as_alone(task):
+    people = [human for human in HUMANS if (task, human) != ("handover", "none")]
+    for k, (human, shield) in enumerate(itertools.product(people, FILTERED)):
+        Pair(2, task, shield, human=human, mode=MODES[k % 3], limit=25).play(40, seed=k)
+
+
 # ---- seeds, and who begins when ----------------------------------------------------------------------
 
 
@@ -386,8 +395,33 @@ def test_a_filter_that_was_built_is_taken_and_a_misfit_is_not():
         VectorShield(env, JSSAFilter(env.robot, 0.01))
     with pytest.raises(InterfaceError, match="VectorArmEnv"):
         VectorShield(SyncVectorEnv([lambda: gym.make("jssa_gym/Reach-v0")]), "jssa")
+    with pytest.raises(InterfaceError, match="wrappers around the shield"):
+        VectorShield(jssa_gym.VectorRecordSafety(env), "jssa")
     with pytest.raises(ParameterError, match="filter"):
         VectorShield(env, 3)
+
+
+def test_a_shielded_id_has_its_own_shield():
+    with pytest.raises(ParameterError, match=r"ReachShielded-v0 has its own shield: take jssa_gym/Reach-v0"):
+        gym.make_vec("jssa_gym/ReachShielded-v0", 2, shield="cbf")
+
+
+@pytest.mark.parametrize(
+    ("wrap", "twin"),
+    [
+        (lambda envs: jssa_gym.Shield(envs, "stop"), "VectorShield"),
+        (jssa_gym.JSSAShield, "VectorShield"),
+        (jssa_gym.RecordSafety, "VectorRecordSafety"),
+        (lambda envs: jssa_gym.ActionRepeat(envs, 5), "VectorActionRepeat"),
+        (lambda envs: jssa_gym.SensorModel(envs, "noise"), "VectorSensorModel"),
+        (jssa_gym.JPCAction, "VectorJPCAction"),
+    ],
+    ids=["Shield", "JSSAShield", "RecordSafety", "ActionRepeat", "SensorModel", "JPCAction"],
+)
+def test_a_wrapper_of_one_names_the_one_of_many(wrap, twin):
+    with pytest.raises(InterfaceError, match=f"take {twin}"):
+        wrap(gym.make_vec("jssa_gym/Reach-v0", 2))
+    assert hasattr(jssa_gym, twin)
 
 
 @pytest.mark.parametrize("shield", [None, "work", {"lambda1": 3.0, "lambda2": 1.0}])

@@ -35,7 +35,10 @@ def pair(mode, ticks, *, shield=None, control=None, limit=23, task="Reach", huma
 
 def as_told(infos):
     """Single environments' infos without words; returns of episodes come as numpy has them."""
-    return without_words(infos)[0]
+    infos, _ = without_words(infos)
+    if "final_info" in infos:
+        infos["final_info"], _ = without_words(infos["final_info"])
+    return infos
 
 
 def compare(vector, singles, *, steps=40, size=1.0):

@@ -11,11 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from picklable import killed
+from picklable import dying_first, killed
 from places import PATIENCE, environment
 
 from jssa_gym import plots
-from jssa_gym.cli.stress import Stress, _curves
+from jssa_gym.cli.stress import Stress, _curves, _options
+from jssa_gym.engine.source import source_hash
+from jssa_gym.engine.workers import run
 from jssa_gym.envs import ArmEnv
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.envs.faults import FAULTS as SENSOR_FAULTS
@@ -33,14 +35,13 @@ from jssa_gym.evaluation.contenders import (
 )
 from jssa_gym.evaluation.judge import judge
 from jssa_gym.evaluation.judgement import Excess
-from jssa_gym.evaluation.ledger import Ledger, source_hash
+from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.people import PEOPLE, TOO_FAST
 from jssa_gym.evaluation.plan import SPACING
 from jssa_gym.evaluation.play import Player, play
 from jssa_gym.evaluation.report import tally
 from jssa_gym.evaluation.rows import Cell, digest_of
 from jssa_gym.evaluation.trace import load_trace, read_meta
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError
 from jssa_gym.humans import make_human
 from jssa_gym.policies import POLICIES
@@ -142,14 +143,30 @@ def test_a_folder_of_another_campaign_is_refused(finished, monkeypatch, field):
 
 
 @pytest.mark.long
-def test_a_killed_worker_is_one_line_that_says_how_to_go_on():
+def test_work_of_a_process_that_is_killed_is_begun_anew_and_handed_over_once(tmp_path):
+    found = []
+    run(dying_first, [(number, tmp_path) for number in range(3)], 2, found.append)
+    assert (tmp_path / "died").exists()
+    assert sorted(found) == [[0, 0], [1, 10], [2, 20]]
+
+
+@pytest.mark.long
+def test_processes_that_are_killed_again_and_again_are_one_line_that_says_how_to_go_on():
+    found = []
     with pytest.raises(WorkerError, match="same call goes on"):
-        run(killed, range(3), 2, lambda _: None)
+        run(killed, range(3), 2, found.extend)
+    assert set(found) <= {0, 2}
+    assert len(set(found)) == len(found)
+
+
+def test_a_broken_episode_s_command_plays_that_episode():
+    assert _options(replace(TINY, steps=1000)) == ""
+    assert _options(replace(TINY, task="reach", robot="ur5e")) == " --task reach --robot ur5e --seconds 2.8"
 
 
 @pytest.mark.long
 def test_workers_end_with_a_parent_that_was_killed():
-    code = "from picklable import lasting; from jssa_gym.evaluation.workers import run; run(lasting, range(2), 2, id)"
+    code = "from picklable import lasting; from jssa_gym.engine.workers import run; run(lasting, range(2), 2, id)"
     with subprocess.Popen([sys.executable, "-c", code], env=environment(), stdout=subprocess.PIPE, text=True) as parent:
         workers = [int(parent.stdout.readline()) for _ in range(2)]
         try:

@@ -23,6 +23,7 @@ from places import DOCS, PATIENCE, environment
 from scipy import stats
 
 import jssa_gym
+from jssa_gym.engine.workers import run
 from jssa_gym.evaluation import (
     Rate,
     RecordSafety,
@@ -51,7 +52,6 @@ from jssa_gym.evaluation.standings import PAIRED_RATES, profile, standings
 from jssa_gym.evaluation.study import Single
 from jssa_gym.evaluation.svg import Panel, colour, dashes, marker, ticks
 from jssa_gym.evaluation.trace import save_trace
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.shields import FILTERS, JSSAFilter
 

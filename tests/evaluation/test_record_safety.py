@@ -127,6 +127,8 @@ def test_what_it_cannot_record_is_refused():
     env.reset(seed=0)
     with pytest.raises(InterfaceError, match="'success'"):
         env.step(0)
+    with pytest.raises(InterfaceError, match=r"repeats actions.*goes inside"):
+        RecordSafety(gym.wrappers.OrderEnforcing(jssa_gym.ActionRepeat(make().env, 5)))
     with pytest.raises(ParameterError, match="buffer_length"):
         RecordSafety(make().env, buffer_length=0)
     with pytest.raises(ParameterError, match="v_safe"):
@@ -166,6 +168,9 @@ def test_a_vector_tells_what_single_environments_tell(mode, shield):
     assert len(vector.recent) == 3 * count
 
 
-def test_a_vector_of_another_package_is_refused():
+def test_a_vector_that_it_cannot_record_is_refused():
     with pytest.raises(InterfaceError, match="VectorArmEnv"):
         VectorRecordSafety(gym.make_vec("jssa_gym/Reach-v0", 2, vectorization_mode="sync"))
+    repeated = jssa_gym.VectorActionRepeat(gym.make_vec("jssa_gym/Reach-v0", 2, autoreset_mode="Disabled"), 5)
+    with pytest.raises(InterfaceError, match=r"repeats actions.*goes inside"):
+        VectorRecordSafety(repeated)

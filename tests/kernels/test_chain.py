@@ -15,12 +15,17 @@ from jssa_gym.kernels.chain import (
     jacobian,
     jacobian_rate,
     place,
+    place_axes,
+    place_present,
     point_on,
+    pose,
     velocity_of,
 )
 from jssa_gym.kernels.records import FRAME, SEGMENT
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
 from jssa_gym.robots.lr_mate_200id_7l import MJCF
+from jssa_gym.safety.failsafe import levers
+from jssa_gym.tick import layout
 
 # Joints of each body, base to tip; 0 is a body without a joint.
 LAYOUTS = {"three joints": (0, 2, 0, 0, 1, 0), "seven joints": (1, 0, 2, 1, 0, 1, 2, 0)}
@@ -268,6 +273,30 @@ def test_a_mount_moves_the_whole_arm_and_nothing_else(arm):
             np.testing.assert_array_equal(moved[name], frames[name])
         np.testing.assert_array_equal(robot.tool_offset, tool)
     np.testing.assert_array_equal(arm.forward(state)[0]["origin"], frames["origin"])
+
+
+def test_where_the_arm_is_at_present_is_known_for_one_posture_alone():
+    """Asked again for the same it is what it was; for another, or for what is no number, it is computed anew."""
+    robot, rng = lr_mate_200id_7l(), np.random.default_rng(9)
+    arm, position = (
+        layout.ArmRecord(robot.links, robot.capsules, robot.self_pairs, levers(robot), robot.limits.bounds()),
+        robot.home.copy(),
+    )
+    work = layout.work(arm, 0, 0, 0, static_rows=False)
+    for joint in (0, 0, 5, 2, 2, 1):
+        position[joint] += rng.normal()
+        for _ in range(2):
+            place_present(arm, position, work)
+            frames, segments = np.zeros(robot.n, FRAME), np.zeros(len(robot.capsules), SEGMENT)
+            pose(robot.links, position, frames)
+            place_axes(frames, robot.capsules, segments)
+            for name in ("rotation", "origin", "axis"):
+                np.testing.assert_array_equal(work.frames_present[name], frames[name])
+            for name in ("start", "end"):
+                np.testing.assert_array_equal(work.segments_present[name], segments[name])
+    position[3] = np.nan
+    place_present(arm, position, work)
+    assert np.isnan(work.segments_present["end"][-1]).any()
 
 
 def test_point_on_a_segment_is_between_its_ends():

@@ -103,10 +103,13 @@ def margin_of(arm, motion, ticks, around, work):
 def test_the_margin_is_what_its_formula_says(robot, slowest, quickest):
     """Also of people who hardly grow: then it may be any of the moments at which somebody is nearest."""
     rng, chain, seen, moments = np.random.default_rng(0), chain_of(robot), [], set()
-    for _ in range(25):
-        case = random_case(robot, rng)
-        reach, growth = rng.uniform(0.0, 0.1, 2), rng.uniform(slowest, quickest, 2)
-        touch = np.array([0.0, rng.choice([0.0, 0.3])])
+    for draw in range(25):
+        people = 2 if draw else 9
+        case = random_case(robot, rng, people=people)
+        if draw % 3 == 1:
+            case.people["end"] = case.people["start"]  # balls
+        reach, growth = rng.uniform(0.0, 0.1, people), rng.uniform(slowest, quickest, people)
+        touch = np.append(np.zeros(people - 1), rng.choice([0.0, 0.3]))
         length, least = DT * (case.ticks + 1), []
         for t in length * np.arange(6) / 6:
             q, *_ = posture(case, t)

@@ -17,7 +17,7 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams, levers
 from jssa_gym.shields import NoFilter
 from jssa_gym.tick import layout
-from jssa_gym.tick.admit import choose, room_behind
+from jssa_gym.tick.admit import choose, room_behind, softest
 
 DT = 0.008
 TABLE = 0.87
@@ -205,6 +205,10 @@ class Case:
         self.reach, self.speed, self.touch = (np.array([person[k] for person in people], float) for k in (3, 4, 5))
 
     def verdict(self, *, own=False, swing=None):
+        return ver.keeps_clear(*self.asked(own=own, swing=swing))
+
+    def asked(self, *, own=False, swing=None):
+        """What :func:`~jssa_gym.kernels.verification.keeps_clear` takes."""
         motion = self.motion
         robot = motion.robot
         arm = layout.ArmRecord(
@@ -217,7 +221,7 @@ class Case:
         around = ver.Around(
             self.agents, self.reach, self.speed, self.touch, self.confined, self.statics, self.planes, self.margin
         )  # fmt: skip
-        return ver.keeps_clear(arm, moved, motion.ticks, around, work)
+        return arm, moved, motion.ticks, around, work
 
     def slack(self, every=1):
         """Smallest gap of anything to anything [m], the oracle's."""
@@ -322,6 +326,34 @@ def test_verdicts_agree_with_the_sampled_motion(robot, kind, times):
             unsafe += slack < 0.0
     assert safe > 15 * times
     assert unsafe > 5 * times
+
+
+@pytest.mark.parametrize("kind", ["people", "touched", "confined"])
+def test_who_is_surely_met_is_met(robot, kind, times):
+    """Whatever is left of the gap, none or a hair: a stop that is said to meet somebody for sure is never SAFE.
+
+    Of those that are refused, most are found at once; with whoever may be touched, or is confined, it is not tried.
+    """
+    rng, safe, refused, found = np.random.default_rng(21), 0, 0, 0
+    for _ in range(40 * times):
+        case = a_case(robot, rng, "people", touch=0.3 if kind == "touched" else 0.0)
+        if kind == "confined":
+            case.confined["slower"] = case.speed[:, None]  # they stay where they were measured
+            for p in range(5):
+                case.confined["knots"][:, p] = case.agents["start"] + p / 4 * (
+                    case.agents["end"] - case.agents["start"]
+                )
+        arm, motion, ticks, around, work = case.asked()
+        code, row, *_ = ver.keeps_clear(arm, motion, ticks, around, work)
+        surely = [ver.surely_meets(arm, motion, around, i, 0, work) for i in range(len(robot.capsules))]
+        assert not (code == ver.SAFE and any(surely))
+        safe += code == ver.SAFE
+        if code == ver.REACH:
+            refused += 1
+            found += surely[row]
+    assert safe > 10 * times
+    assert refused > (1 if kind == "confined" else 5) * times
+    assert found > refused / 3 if kind == "people" else found == 0
 
 
 def test_a_touch_is_let_pass_only_below_its_speed(robot, times):
@@ -804,6 +836,37 @@ def test_the_choice_is_the_first_that_is_verified(robot, times):
         seen[which] += 1
     assert min(seen) >= 3
     assert rooms.count((True, 0)) >= 3  # of a room wide enough not to look at people again
+
+
+@njit
+def softest_of(arm, settings, memory, jerk, end, work):
+    return softest(arm, settings, memory, jerk, 0, end, work, 0)
+
+
+def test_the_softest_stop_is_the_same_whoever_was_in_the_way_before(robot, times):
+    """Which pair is looked at first saves time only: number of the stop and what was in the way of the last one."""
+    rng, seen = np.random.default_rng(22), set()
+    settings = NoFilter(robot, DT, failsafe=FailsafeParams(graded=True)).settings()
+    arm, count = layout.ArmRecord(robot.links, robot.capsules, robot.self_pairs, levers(robot), limits_of(robot)), 5
+    memory, work = layout.memory(1, robot.n, 1, 0, 0), layout.work(arm, 1, 0, 0, static_rows=False)
+    assert len(settings.hardness) == count
+    for _ in range(25 * times):
+        state, jerk = a_motion(robot, rng, rng.choice([0.1, 0.3]))
+        state[0] = robot.home + rng.uniform(-0.3, 0.3, 6)
+        case = a_case(robot, rng, "people")
+        memory.state[0], memory.growth[0] = state, 1.6
+        spot = Motion(robot, state, jerk).start + rng.normal(size=3) * rng.choice([0.2, 0.4])
+        work.grown[:] = case.agents
+        work.grown["start"] = work.grown["end"] = spot
+        work.reach[:] = 0.0
+        found = []
+        for capsule in range(-1, len(robot.capsules)):
+            work.met[:] = [capsule, 0] if capsule >= 0 else -1
+            one = softest_of(arm, settings, memory, jerk, count, work)
+            found.append((*one, work.after.tobytes(), work.next.tobytes()))
+        assert all(one == found[0] for one in found)
+        seen.add(found[0][0])
+    assert {0, 1, count} <= seen
 
 
 @pytest.mark.long

@@ -8,6 +8,7 @@ import pytest
 
 from jssa_gym.control import Phase
 from jssa_gym.envs import ArmEnv
+from jssa_gym.evaluation.record_vector import VectorRecordSafety
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.humans import HUMANS
 from jssa_gym.policies import JPCPolicy
@@ -98,6 +99,12 @@ def test_many_do_what_each_does_by_itself(task, shield) -> None:
     if shield is not None and (task, shield) != ("handover", "jssa+stop"):  # which never lets it begin
         assert {0, -1} <= both.choices
         assert "alternative" in both.kinds
+
+
+def test_a_shield_inside_other_wrappers_is_offered_paths_all_the_same() -> None:
+    both = Both("track", "work", vector=lambda envs, **options: VectorJPCPolicy(VectorRecordSafety(envs), **options))
+    both.reset().play(80)
+    assert 0 in both.choices
 
 
 @pytest.mark.long

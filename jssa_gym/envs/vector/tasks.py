@@ -33,7 +33,7 @@ class Moments(NamedTuple):
 
 
 def root_mean_square(gap: Array) -> Array:
-    """Of every row, shape (E, n): the very scalar product that a single row has."""
+    """Root mean square of every row, shape (E, n): by the very scalar product that a single row has."""
     return np.sqrt((gap[:, None, :] @ gap[:, :, None])[:, 0, 0] / gap.shape[1])
 
 

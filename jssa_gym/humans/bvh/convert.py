@@ -85,7 +85,7 @@ class Conversion:
 
     @property
     def said(self) -> str:
-        """In words what was taken for what."""
+        """What was taken for what, in words."""
         told = f"taken as {self.unit} with {self.up} up: {self.length:.2f} m from ankle to head along the bones"
         if self.dropped:
             frames = "frame 0 is" if self.dropped == 1 else f"frames 0 to {self.dropped - 1} are"

@@ -53,7 +53,7 @@ def _local(model: "mujoco.MjModel", geom: int) -> tuple[Array, float]:
     if kind == kinds.mjGEOM_ELLIPSOID:
         return _ball() * size, 0.0
     if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF):
-        return _mesh(model, int(model.geom_dataid[geom])), 0.0
+        return faces_of_mesh(model, int(model.geom_dataid[geom])), 0.0
     raise RobotModelError(
         f"{called(model, mujoco.mjtObj.mjOBJ_GEOM, geom)} of a link is a {kind.name[7:].lower()}; what a link "
         "draws has to be a box, capsule, cylinder, ellipsoid, mesh, sdf or sphere"
@@ -89,7 +89,8 @@ def _ball() -> Array:
     return faces / float((np.abs((faces[:, 0] * normal).sum(axis=1)) / length).min())
 
 
-def _mesh(model: "mujoco.MjModel", mesh: int) -> Array:
+def faces_of_mesh(model: "mujoco.MjModel", mesh: int) -> Array:
+    """Corners of a mesh's triangles in its own frame, shape (F, 3, 3) [m]."""
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     corners = model.mesh_vert[first : first + count].astype(float)
     first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]

@@ -20,6 +20,7 @@ from jssa_gym.robots.prepare.anatomy import zero_pose
 from jssa_gym.robots.prepare.enclose import Enclosure
 from jssa_gym.robots.prepare.examine import Examination
 from jssa_gym.robots.prepare.posture import some_postures
+from jssa_gym.robots.prepare.surface import faces_of_mesh
 from jssa_gym.robots.reading import stl
 from jssa_gym.storage import write_whole
 from jssa_gym.types import Array
@@ -131,7 +132,7 @@ def _visuals(arm: Examination, meshes: Path) -> tuple[list[str], dict[int, list[
             place, turn = data.geom_xpos[g] - anchor, data.geom_xmat[g].reshape(3, 3)
             shape = _primitive(model, g)
             if shape is None:
-                triangles = _faces(model, int(model.geom_dataid[g])) @ turn.T + place
+                triangles = faces_of_mesh(model, int(model.geom_dataid[g])) @ turn.T + place
                 name = f"drawn_{len(assets)}"
                 write_whole(meshes / f"{name}.stl", stl(triangles))
                 assets.append(f'<mesh name="{name}" file="{name}.stl" inertia="shell"/>')
@@ -159,13 +160,6 @@ def _primitive(model: "mujoco.MjModel", geom: int) -> str | None:
         return None
     kind = kinds(model.geom_type[geom]).name[7:].lower()
     return f'type="{kind}" size="{_numbers(model.geom_size[geom][:count])}"'
-
-
-def _faces(model: "mujoco.MjModel", mesh: int) -> Array:
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    corners = model.mesh_vert[first : first + count].astype(float)
-    first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    return corners[model.mesh_face[first : first + count]]
 
 
 # ---- the model -----------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jssa_gym.kernels.capsules import nearest
+from jssa_gym.kernels.chain import place_present
 from jssa_gym.kernels.index import Index, advance, assess, exact_rows, reassess
 from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.projection import violation
@@ -106,9 +107,10 @@ def move_back(settings, work):
 @jit
 def look_back(robot, proposal, state, above, work):
     """Index at the beginning of the step, after :func:`move_back`, of the pairs that at its end are above a level."""
+    place_present(robot, state[0], work)
     reassess(
         robot.links, robot.capsules, state, work.agents_now, work.planes, proposal.index, above, work.pairs,
-        work.frames_now, work.segments_now, work.pairs_now,
+        work.frames_present, work.segments_present, work.pairs_now,
     )  # fmt: skip
 
 

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing, suppress
 from multiprocessing import connection
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, NamedTuple
 
-from jssa_gym.evaluation.cluster import Cluster, Play, Result, Work
-from jssa_gym.evaluation.interrupts import GOES_ON, Interrupts, portable
+from jssa_gym.engine.cluster import AGAIN, Cluster, Play, Result, Work
+from jssa_gym.engine.interrupts import GOES_ON, Interrupts, portable
 from jssa_gym.exceptions import WorkerError
 from jssa_gym.text import show_messages
 
@@ -30,6 +30,10 @@ _KNOWN = "functions and classes of a script or notebook belong into a module tha
 
 _LAST_BREATH = 2.0
 """How long a worker without work may take to end [s]."""
+
+
+class _DeathError(WorkerError):
+    """A process that was at work ended; what it worked on can be begun anew by another."""
 
 
 # ---- in a worker ---------------------------------------------------------------------------------------
@@ -78,6 +82,13 @@ def _end_with_parent() -> None:
 # ---- in the parent -------------------------------------------------------------------------------------
 
 
+class _Task(NamedTuple):
+    """A chunk, and how many processes have died at it."""
+
+    chunk: Any
+    deaths: int = 0
+
+
 class _Worker:
     """A process of its own, with what it has said of the chunk at hand."""
 
@@ -85,6 +96,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.link, theirs = context.Pipe()
         self.process = context.Process(target=_work, args=(play, theirs))
+        self.task = _Task(None)
         self.results: list[Any] = []
         self._begun = False
         self._torn = False  # whether a part of a message may have been read
@@ -111,9 +123,10 @@ class _Worker:
         self._begun = True
         return kind != _RESULT
 
-    def give(self, chunk: Any) -> None:
+    def give(self, task: _Task) -> None:
+        self.task = task
         try:
-            self.link.send(chunk)
+            self.link.send(task.chunk)
         except OSError:
             raise self._gone() from None
 
@@ -125,11 +138,12 @@ class _Worker:
     def _gone(self) -> WorkerError:
         self.process.join(_LAST_BREATH)
         code = self.process.exitcode
-        if code is not None and code >= 0:
-            return WorkerError(
-                f"a worker process ended by itself; {GOES_ON}" if self._begun else f"{UNABLE}; or use jobs=1"
-            )
-        return WorkerError(f"a worker process was killed, most likely for want of memory; {GOES_ON}; use fewer jobs")
+        killed = code is None or code < 0
+        if not (self._begun or killed):
+            return WorkerError(f"{UNABLE}; or use jobs=1")
+        how = "was killed, most likely for want of memory" if killed else "ended by itself"
+        error = _DeathError if self._begun else WorkerError  # one that had no work leaves none behind
+        return error(f"a worker process {how}; {GOES_ON}{'; use fewer jobs' if killed else ''}")
 
     def drain(self) -> None:
         """Take in what it had sent before it ended."""
@@ -159,8 +173,8 @@ def run(
 ) -> None:
     """Play chunks, in other processes if there is more than one job, or on a cluster.
 
-    Ctrl-C, or an error, ends it within moments: chunks under way are given up, and ``done`` gets what was finished of
-    them.
+    A chunk whose process dies is begun anew in another. Ctrl-C, or an error, ends it within moments: chunks under way
+    are given up, and ``done`` gets what was finished of them.
 
     Args:
         play: Plays one, result by result; with several jobs it and the chunks have to be picklable, since processes are
@@ -170,7 +184,8 @@ def run(
         done: Called with every chunk's results as it ends, in this process; Ctrl-C waits for it.
 
     Raises:
-        WorkerError: A process was killed, by the system or by somebody, or could not begin.
+        WorkerError: Processes with one chunk were killed again and again, by the system or by somebody, or could not
+            begin.
     """
 
     def hand_over(results: list[Result]) -> None:
@@ -192,37 +207,53 @@ def run(
                 finally:
                     hand_over(results)
         else:
-            _share_out(play, deque(chunks), jobs, hand_over, interrupts)
+            _share_out(play, chunks, jobs, hand_over, interrupts)
 
 
 def _share_out(
     play: Play[Work, Result],
-    todo: deque[Work],
+    chunks: Iterable[Work],
     jobs: int,
     hand_over: Callable[[list[Result]], None],
     interrupts: Interrupts,
 ) -> None:
     # workers inherit it: threads of theirs would only fight each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    workers, patience = list[_Worker](), 0.0
+    todo, workers, patience = deque(map(_Task, chunks)), list[_Worker](), 0.0
+    busy: dict[Any, _Worker] = {}
+
+    def begin() -> None:
+        workers.append(worker := _Worker(play, interrupts))
+        busy[worker.link] = worker
+
+    def bury(worker: _Worker, death: _DeathError) -> None:
+        chunk, deaths = worker.task
+        if deaths == AGAIN:
+            raise death
+        worker.taken()  # whoever begins anew finds them again
+        todo.appendleft(_Task(chunk, deaths + 1))
+        del busy[worker.link]
+        begin()
+
     try:
         for _ in range(min(jobs, len(todo))):
-            workers.append(_Worker(play, interrupts))
-        busy: dict[Any, _Worker] = {worker.link: worker for worker in workers}
+            begin()
         while busy:
             with interrupts.answered():
                 links = connection.wait(list(busy))
             for link in links:
-                with interrupts.answered():
-                    waits = (worker := busy[link]).hear()
-                if not waits:
-                    continue
-                results = worker.taken()
+                worker, results = busy[link], list[Result]()
                 try:
+                    with interrupts.answered():
+                        if not worker.hear():
+                            continue
+                    results = worker.taken()
                     if todo:
                         worker.give(todo.popleft())
                     else:
                         del busy[link]
+                except _DeathError as death:
+                    bury(worker, death)
                 finally:
                     hand_over(results)
         patience = _LAST_BREATH

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from jssa_gym.evaluation.interrupts import GOES_ON, portable
-from jssa_gym.evaluation.ledger import source_hash
+from jssa_gym.engine.interrupts import GOES_ON, portable
+from jssa_gym.engine.source import source_hash
 from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
 from jssa_gym.text import show_messages
 from jssa_gym.validation import positive_integer
@@ -24,7 +24,7 @@ Play = Callable[[Work], Iterable[Result]]
 
 INSTALL = "pip install 'jssa-gym[ray]', or pip install -e '.[ray]' in a clone"
 
-_AGAIN = 3
+AGAIN = 3
 """How often a chunk is begun anew whose worker died."""
 
 _STARTS = 4
@@ -82,7 +82,7 @@ class Cluster:
         """
         ray = self._connected()
         todo, under_way = deque(chunks), []
-        task = ray.remote(num_cpus=1, max_retries=_AGAIN)(_played)
+        task = ray.remote(num_cpus=1, max_retries=AGAIN)(_played)
         setting = ray.put((tuple(sys.path), str(Path.cwd()), source_hash()))
         given = ray.put(pickle.dumps(play))
         try:

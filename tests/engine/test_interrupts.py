@@ -1,7 +1,6 @@
 """Ctrl-C, once and again, and processes that cannot begin: what is finished is kept, nobody is left behind."""
 
 import contextlib
-import os
 import signal
 import subprocess
 import sys
@@ -11,50 +10,18 @@ from types import SimpleNamespace
 
 import picklable
 import pytest
-from places import PATIENCE, environment
+from interrupted import ended, interrupt, start
+from places import PATIENCE
 
 import jssa_gym.cli
 from jssa_gym.cli import compare, evaluate, stress
-from jssa_gym.evaluation import workers
+from jssa_gym.engine import workers
+from jssa_gym.engine.workers import run
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.study import Study
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import ParameterError, WorkerError
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals of this kind")
-
-
-def start(*command, stdin=None):
-    return subprocess.Popen(
-        [sys.executable, *command],
-        env=environment() | {"PYTHONUNBUFFERED": "1"},
-        stdin=stdin,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        # whoever runs the tests in the background may have it ignored, which children inherit
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-
-
-def ended(process):
-    """What it said; it and all that it started are gone."""
-    try:
-        # workers hold the pipes' other ends: they are closed when the last one is gone
-        return process.communicate(timeout=PATIENCE)
-    finally:
-        try:
-            os.killpg(process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
-        else:
-            process.communicate()
-
-
-def interrupt(process, times):
-    for _ in range(times):
-        os.killpg(process.pid, signal.SIGINT)
 
 
 # ---- work ----------------------------------------------------------------------------------------------
@@ -62,7 +29,7 @@ def interrupt(process, times):
 WORK = """
 import sys
 from picklable import one_then_lasting
-from jssa_gym.evaluation.workers import run
+from jssa_gym.engine.workers import run
 if __name__ == "__main__":
     try:
         run(one_then_lasting, range(4), int(sys.argv[1]), lambda found: print("kept", *found))

@@ -1,16 +1,21 @@
 """Work on a Ray cluster of this machine: the same numbers, whoever dies, and nothing twice."""
 
 import sys
+from dataclasses import replace
 
 import picklable
 import pytest
-from test_interrupts import ended, interrupt, start
+from interrupted import ended, interrupt, start
 
 from jssa_gym.certificate.certify import certify
+from jssa_gym.certificate.lambda_map import sweep
 from jssa_gym.cli import main
-from jssa_gym.evaluation import Cluster, cluster
+from jssa_gym.engine import Cluster, cluster
+from jssa_gym.engine.workers import run
+from jssa_gym.evaluation.campaign import Campaign, Grid
+from jssa_gym.evaluation.ledger import Ledger
+from jssa_gym.evaluation.play import play
 from jssa_gym.evaluation.runner import complete
-from jssa_gym.evaluation.workers import run
 from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
 
 pytestmark = pytest.mark.long
@@ -39,6 +44,29 @@ def test_a_cluster_counts_the_same_as_this_process(tmp_path):
 def test_certificates_too():
     options = {"capsules": ("elbow",), "states": 300, "search": False}
     assert certify(**options).plain() == certify(**options, jobs=TWO).plain()
+
+
+def test_the_map_of_lambdas_too():
+    options = {"grid": 2, "states": 30, "lambda1": (0.5, 1.2), "capsules": ("elbow",)}
+    told = []
+    here = sweep(**options, progress=told.append)
+    assert sum(told) == 0  # every pair that was to come is told of
+    assert here.plain() == sweep(**options, jobs=TWO).plain() == sweep(**options, jobs=2).plain()
+
+
+@pytest.mark.parametrize("jobs", [TWO, 2], ids=["ray", "processes"])
+def test_a_campaign_whose_worker_was_killed_lacks_nothing_and_has_nothing_twice(tmp_path, jobs):
+    campaign = Campaign((Grid(("full", "none"), ("pursuit",), ("wander",), ("none",), 3),), steps=120, judge=0.0)
+
+    def rows(folder):
+        return sorted((replace(row, wall=0.0) for row in Ledger(folder, campaign).episodes), key=str)
+
+    whole, killed = Ledger(tmp_path / "whole" / "c", campaign), Ledger(tmp_path / "killed" / "c", campaign)
+    run(play, whole.chunks(3), 1, whole.append)
+    run(picklable.playing_but_dying_first, killed.chunks(3), jobs, killed.append)
+    assert next(tmp_path.rglob("died"))
+    assert rows(tmp_path / "whole" / "c") == rows(tmp_path / "killed" / "c")
+    assert len(rows(tmp_path / "killed" / "c")) == 6
 
 
 def test_work_of_a_worker_that_dies_is_done_again_and_handed_over_once(tmp_path):
@@ -79,7 +107,7 @@ def test_one_process_is_with_one_cluster():
 WORK = """
 from picklable import lasting
 from jssa_gym.evaluation import Cluster
-from jssa_gym.evaluation.workers import run
+from jssa_gym.engine.workers import run
 if __name__ == "__main__":
     run(lasting, range(4), Cluster(2), print)
 """
