@@ -16,7 +16,7 @@ the ball of the interpolated centre and radius.
 import numpy as np
 
 from jssa_gym.kernels.capsules import capsule_pair
-from jssa_gym.kernels.jit import part
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.records import PIECES
 from jssa_gym.kernels.vector import dot
 
