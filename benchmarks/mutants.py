@@ -1085,14 +1085,14 @@ MUTANTS = [
     Mutant(
         "any margin is wide enough not to look at people again",
         "kernels/margin.py",
-        "return room > (between + SHORTEST) * _quickest(robot, work.fastest) + _CLEARLY",
+        "return room > (between + SHORTEST) * quickest + _CLEARLY",
         "return room > 0.0",
         (MARGIN, "only_a_wide"),
     ),
     Mutant(
         "a margin that is there is wide enough not to look at people again",
         "kernels/margin.py",
-        "return room > (between + SHORTEST) * _quickest(robot, work.fastest) + _CLEARLY",
+        "return room > (between + SHORTEST) * quickest + _CLEARLY",
         "return room > 0.0",
         (MARGIN, "for_a_wide"),
     ),
@@ -1102,6 +1102,26 @@ MUTANTS = [
         "if not room > 0.0 or motion.dt < SHORTEST:",
         "if not room > 0.0:",
         (MARGIN, "for_a_wide"),
+    ),
+    Mutant(
+        "a margin does not say how fast the arm is",
+        "kernels/margin.py",
+        "work.quickest[0] = speed",
+        "work.quickest[0] = 0.0",
+        (MARGIN, "only_a_wide"),
+    ),
+    _admit(
+        "the hardest stop is the one from another state",
+        "if hardest and same_rows(work.after, work.hardest_after):",
+        "if hardest and not np.isnan(work.hardest_after[0, 0]):",
+        CHOICE,
+    ),
+    Mutant(
+        "who could be too close is not looked at again",
+        "kernels/ahead.py",
+        "if not _asked(off, t):",
+        "if moment > 0:",
+        (MARGIN, "quintic or passes_by"),
     ),
     _kernel(
         "a table is not looked at either where people are off",

@@ -75,6 +75,16 @@ def _demand(motion, frames, link, point, n, short, T, work):
 
 
 @jit
+def _asked(off, t):
+    """Whether any pair has to be looked at at a time t; ``off`` says before when it need not, shape (m, k) [s]."""
+    for i in range(off.shape[0]):
+        for k in range(off.shape[1]):
+            if not t < off[i, k]:
+                return True
+    return False
+
+
+@jit
 def predicted_rows(robot, motion, agents, foresight, work):
     """Make a row for every pair that would come too close, from its most demanding moment.
 
@@ -102,6 +112,8 @@ def predicted_rows(robot, motion, agents, foresight, work):
         work.target[p] = -np.inf
     for moment in range(int(np.round(foresight.horizon / foresight.step)) + 1):
         t = moment * foresight.step
+        if not _asked(off, t):
+            continue  # however they move on, nobody can be too close yet
         if not rests:
             posture_at(motion, t, posture, fastest)
             if moment == 0:

@@ -40,7 +40,7 @@ def margin(robot, motion, ticks, around, work):
 
     Args:
         robot, motion, ticks, around: See :func:`~jssa_gym.kernels.verification.keeps_clear`.
-        work: Scratch, see there; besides ``later`` (n,) and ``room`` (m,).
+        work: Scratch, see there; besides ``later`` (n,) and ``room`` (m,). ``quickest`` (1,) is a result.
 
     Returns:
         That; inf where nothing moves or nobody is there, below 0 where people could be met, -inf where a gap is NaN.
@@ -57,6 +57,7 @@ def margin(robot, motion, ticks, around, work):
     put_axes(agents, work.axes)
     posture_at(motion, 0.0, posture, fastest)
     speed, lowest, then = _quickest(robot, fastest), -np.inf, length
+    work.quickest[0] = speed
     fill(room, -np.inf)
     for moment in range(_MOMENTS - 1, -1, -1):
         t = length * moment / _MOMENTS
@@ -83,8 +84,10 @@ def margin(robot, motion, ticks, around, work):
 
 
 @part
-def clears_people(robot, motion, ticks, room, work):
+def clears_people(motion, ticks, room, quickest):
     """Whether a margin of ``room`` [m] says that people are kept off, between the moments that it looks at too.
+
+    The fastest capsule's speed [m/s] is what the margin says, too.
 
     A gap shrinks from one moment to the next by no more than the fastest capsule moves; what people grow meanwhile, and
     in a control step besides, is in the margin. So they need not be looked at again by
@@ -92,9 +95,8 @@ def clears_people(robot, motion, ticks, room, work):
     """
     if not room > 0.0 or motion.dt < SHORTEST:
         return False
-    posture_at(motion, 0.0, work.posture, work.fastest)
     between = motion.dt * (1 + ticks) / _MOMENTS
-    return room > (between + SHORTEST) * _quickest(robot, work.fastest) + _CLEARLY
+    return room > (between + SHORTEST) * quickest + _CLEARLY
 
 
 @part

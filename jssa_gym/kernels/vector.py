@@ -67,6 +67,16 @@ def copy_rows(source, target):
 
 
 @jit
+def same_rows(one, other):
+    """Whether several rows of numbers are equal; NaN is not."""
+    same = True
+    for i in range(one.shape[0]):
+        for k in range(one.shape[1]):
+            same = same and one[i, k] == other[i, k]
+    return same
+
+
+@jit
 def fill(target, value):
     """One number into a row of numbers, shape (n,)."""
     for k in range(target.shape[0]):

@@ -11,8 +11,8 @@ from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.margin import clears_people, margin
 from jssa_gym.kernels.motion import integrate, make_representable, representable
 from jssa_gym.kernels.occupancy import confine_people
-from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk
-from jssa_gym.kernels.vector import copy, copy_rows
+from jssa_gym.kernels.stopping import make_plan_representable, plan_stop, stop_jerk, stop_length
+from jssa_gym.kernels.vector import copy, copy_rows, same_rows
 from jssa_gym.kernels.verification import (
     LIMITS,
     REACH,
@@ -81,9 +81,18 @@ def take_fixtures(memory, scene, e):
 @jit
 def plan_behind(settings, memory, jerk, hardness, work, e):
     """One step at ``jerk`` (n,) into ``work.after``, the stop of a hardness after it into ``work.next``; its ticks."""
+    hardest = hardness == settings.hardness.shape[0] - 1
     integrate(memory.state[e], jerk, settings.dt, work.after)
+    if hardest and same_rows(work.after, work.hardest_after):  # from there it is the same stop
+        for j in range(work.next.shape[0]):
+            work.next[j] = work.hardest_next[j]
+        return stop_length(work.next)
     ticks = plan_stop(work.after, settings.soft_limits[hardness], settings.dt, work.next)
     make_plan_representable(work.next, settings.stop_limits)
+    if hardest:
+        copy_rows(work.after, work.hardest_after)
+        for j in range(work.next.shape[0]):
+            work.hardest_next[j] = work.next[j]
     return ticks
 
 
@@ -130,7 +139,7 @@ def verify_planned(robot, settings, memory, jerk, ticks, room, work, e):
         return LIMITS, -1, -1, 0.0
     motion = StepAndStop(state, jerk, work.after, work.next, settings.dt)
     around = _seen_by_stop(settings, memory, work, e)
-    if clears_people(robot, motion, ticks, room, work):
+    if clears_people(motion, ticks, room, work.quickest[0]):
         around = beside_people(around)
     code, row, column, moment = keeps_clear(robot, motion, ticks, around, work)
     if code == REACH:

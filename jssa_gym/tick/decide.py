@@ -76,8 +76,7 @@ def prepare(robot, settings, memory, scene, nominal, work, answer, e):
         for rows, the box, and the nominal in it.
     """
     _clear(answer.told[e])
-    forget_present(work)
-    work.met[0], work.met[1] = -1, -1
+    _begin(work)
     if settings.guarded:
         fault = _believed_present(settings, memory, scene, nominal, work, answer, e)
     else:
@@ -204,6 +203,13 @@ def _clear(told):
     told["phi"], told["distance"], told["slack"] = np.nan, np.nan, np.nan
     told["row"], told["column"], told["rows"] = -1, -1, 0
     told["margin"], told["choice"] = np.inf, -1
+
+
+@part
+def _begin(work):
+    """Nothing of the tick before is known any more."""
+    forget_present(work)
+    work.met[0], work.met[1], work.hardest_after[0, 0] = -1, -1, np.nan
 
 
 @part

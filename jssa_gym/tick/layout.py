@@ -313,6 +313,12 @@ class Work(NamedTuple):
     """Scratch of the projection, see :func:`~jssa_gym.kernels.projection.scratch`."""
     next: NDArray
     """The stop after a jerk that is looked at, shape (n,) of ``STOP``."""
+    hardest_after: Floats
+    """State from which the hardest stop was planned last in this tick, shape (3, n); NaN for none ..."""
+    hardest_next: NDArray
+    """... and that stop, shape (n,) of ``STOP``."""
+    quickest: Floats
+    """Speed of the fastest capsule in the stop that the last margin is of, shape (1,) [m/s]."""
     posture: Floats
     """Shape (n,)."""
     fastest: Floats
@@ -437,6 +443,9 @@ def work(robot: ArmRecord, people: int, statics: int, planes: int, *, static_row
         active=active,
         relief=relief,
         next=records(n, STOP),
+        hardest_after=np.full((3, n), np.nan),
+        hardest_next=records(n, STOP),
+        quickest=np.zeros(1),
         posture=np.zeros(n),
         fastest=np.zeros(n),
         later=np.zeros(n),

@@ -140,7 +140,7 @@ def test_the_margin_is_infinite_where_nothing_moves_and_where_nobody_is(robot):
 
 @njit
 def seen_twice(arm, motion, ticks, around, room, work):
-    return clears_people(arm, motion, ticks, room, work), keeps_clear(arm, motion, ticks, around, work)[0]
+    return clears_people(motion, ticks, room, work.quickest[0]), keeps_clear(arm, motion, ticks, around, work)[0]
 
 
 @jit  # what counts references must not be given a part of an array by what does not
