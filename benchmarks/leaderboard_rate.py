@@ -15,7 +15,7 @@ import os
 import subprocess
 import sys
 import time
-from collections import defaultdict
+from itertools import product
 from pathlib import Path
 
 PEOPLE = ("random", "walk_by", "approach_retreat", "pursuit", "hand")
@@ -27,31 +27,43 @@ PARTS = (
 )
 """Tasks, people and policies, as docs/leaderboard.md has them."""
 
+TIMES = ("shield_p50", "shield_p95", "shield_p99", "shield_max", "deadline_miss_rate")
+"""Of a summary, what is no other tree's."""
+
 
 def serve() -> None:
     """Play the cells that are asked for on the standard input, a line each."""
+    from jssa_gym.evaluation.identity import made_with
     from jssa_gym.evaluation.play import Player
     from jssa_gym.evaluation.study import Study
 
+    print(made_with(), flush=True)
     for line in sys.stdin:
-        tasks, filters, humans, policies, seed, episodes = json.loads(line)
-        study = Study((tasks,), (filters,), (humans,), (policies,), episodes=episodes, seed=seed)
+        *names, seed, episodes = json.loads(line)
+        study = Study(*((name,) for name in names), episodes=episodes, seed=seed)
         ((cell, seeds),) = study.seeds().items()
         start = time.process_time()
         rows = list(Player(study, cell).measure_all(seeds))
-        spent = time.process_time() - start
-        print(json.dumps((spent, [repr(dataclasses.replace(row, wall=0.0)) for row in rows])), flush=True)
+        print(json.dumps((time.process_time() - start, [_untimed(row) for row in rows])), flush=True)
+
+
+def _untimed(row) -> str:
+    """What a row says, but for how long anything took."""
+    said = dataclasses.asdict(row) | dataclasses.asdict(row.summary)
+    return repr([(name, value) for name, value in said.items() if name not in ("summary", "wall", *TIMES)])
 
 
 class Tree:
     """A process that plays with the package of a folder."""
 
     def __init__(self, folder: Path) -> None:
+        self.name = folder.resolve().name
         # OpenBLAS' threads wait for each other where there are fewer cores
         env = os.environ | {"PYTHONPATH": str(folder.resolve()), "OPENBLAS_NUM_THREADS": "1"}
         self._process = subprocess.Popen(
             [sys.executable, __file__, "--serve"], env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
+        self.made_with = self._process.stdout.readline().strip()
 
     def play(self, *asked) -> tuple[float, list[str]]:
         """Processor time [s] and rows of a cell."""
@@ -73,31 +85,30 @@ def main() -> None:
         serve()
         return
     trees = [Tree(folder) for folder in options.trees]
-    spent, count, differ = defaultdict(lambda: [0.0] * len(trees)), defaultdict(int), [0] * len(trees)
+    for tree in trees:
+        print(f"{tree.name}: {tree.made_with}")
+    print(f"processor time of an episode [ms]\n{'':40}{''.join(f'{tree.name:>12}' for tree in trees)}")
+    total, differ, episodes = [0.0] * len(trees), [0] * len(trees), 0
     for tasks, people, policies in PARTS:
-        for task in tasks:
-            for policy in policies:
-                for name in options.filters:
-                    for tree in trees:  # compiles
-                        tree.play(task, name, people[0], policy, 0, 4)
-                    for human in people:
-                        if options.humans and human not in options.humans:
-                            continue
-                        played = [
-                            tree.play(task, name, human, policy, options.seed, options.episodes) for tree in trees
-                        ]
-                        count[task, policy, name] += options.episodes
-                        for k, (seconds, rows) in enumerate(played):
-                            spent[task, policy, name][k] += seconds
-                            differ[k] += sum(a != b for a, b in zip(rows, played[0][1], strict=True))
-    heads = "".join(f"{folder.name or 'here':>12}" for folder in options.trees)
-    print(f"processor time of an episode [ms]\n{'':40}{heads}")
-    for key, seconds in spent.items():
-        print(f"{', '.join(key):40}" + "".join(f"{1e3 * s / count[key]:12.1f}" for s in seconds))
-    total = sum(count.values())
-    means = [1e3 * sum(s[k] for s in spent.values()) / total for k in range(len(trees))]
-    print(f"{f'all {total}':40}" + "".join(f"{mean:12.1f}" for mean in means))
+        people = [human for human in people if human in (options.humans or people)]
+        for task, policy, name in product(tasks, policies, options.filters):
+            spent = [0.0] * len(trees)
+            for tree in trees:  # compiles
+                tree.play(task, name, people[0], policy, 0, 4)
+            for human in people:
+                played = [tree.play(task, name, human, policy, options.seed, options.episodes) for tree in trees]
+                for k, (seconds, rows) in enumerate(played):
+                    spent[k] += seconds
+                    differ[k] += sum(a != b for a, b in zip(rows, played[0][1], strict=True))
+            _tell(f"{task}, {policy}, {name}", spent, len(people) * options.episodes)
+            total = [sum(both) for both in zip(total, spent, strict=True)]
+            episodes += len(people) * options.episodes
+    _tell(f"all {episodes}", total, episodes)
     print(f"rows that differ: {', '.join(map(str, differ))}")
+
+
+def _tell(what: str, seconds: list[float], episodes: int) -> None:
+    print(f"{what:40}" + "".join(f"{1e3 * spent / episodes:12.1f}" for spent in seconds), flush=True)
 
 
 if __name__ == "__main__":

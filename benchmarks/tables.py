@@ -75,6 +75,7 @@ TABLES = {
     "Deliver": Table("tasks.md", "--out delivered-straight", 3),
     "Guard": Table("controller.md", "benchmarks/guard_tick.py", 2),
     "Stream": Table("controller.md", "benchmarks/fanuc_stream.py", 10),
+    "LeaderboardRate": Table("leaderboard.md", "benchmarks/leaderboard_rate.py", 8),
     "Campaign": Table("evaluation.md", "benchmarks/campaign_rate.py", 5),
     "Vector": Table("vector.md", "benchmarks/vector_step.py", 2),
     "Viewer": Table("viewer.md", "benchmarks/viewer_rate.py --seconds 15", 1),
