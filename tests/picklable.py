@@ -101,6 +101,16 @@ def dying_first(chunk: tuple[int, Path]) -> Iterator[int]:
     yield 10 * number
 
 
+def dying_ever_earlier(chunk: tuple[int, Path]) -> Iterator[int]:
+    """Work that kills its process behind its first result, and every one that begins it anew before that."""
+    number, folder = chunk
+    if (folder / "died").exists():
+        os.kill(os.getpid(), signal.SIGKILL)
+    yield number
+    (folder / "died").touch()
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def playing_but_dying_first(chunk: Chunk[StressRow]) -> Iterator[StressRow]:
     """Episodes of a campaign, at the first of which its process is killed once."""
     for row in play(chunk):

@@ -83,20 +83,21 @@ def _end_with_parent() -> None:
 
 
 class _Task(NamedTuple):
-    """A chunk, and how many processes have died at it."""
+    """A chunk, how many processes have died at it, and the most results that one of them had of it."""
 
     chunk: Any
     deaths: int = 0
+    found: Sequence[Any] = ()
 
 
 class _Worker:
-    """A process of its own, with what it has said of the chunk at hand."""
+    """A process of its own, with what it has said of the task at hand; ``task`` is what it will be given first."""
 
-    def __init__(self, play: Play[Any, Any], interrupts: Interrupts) -> None:
+    def __init__(self, play: Play[Any, Any], interrupts: Interrupts, task: _Task | None = None) -> None:
         context = multiprocessing.get_context("spawn")
         self.link, theirs = context.Pipe()
         self.process = context.Process(target=_work, args=(play, theirs))
-        self.task = _Task(None)
+        self.task = task
         self.results: list[Any] = []
         self._begun = False
         self._torn = False  # whether a part of a message may have been read
@@ -120,6 +121,8 @@ class _Worker:
             raise said
         if kind == _RESULT:
             self.results.append(said)
+        if kind == _END:
+            self.task = None
         self._begun = True
         return kind != _RESULT
 
@@ -135,6 +138,10 @@ class _Worker:
         results, self.results = self.results, []
         return results
 
+    def left(self) -> list[Any]:
+        """What it leaves behind: all that it has finished of its task, or another before it, if that was more."""
+        return max(self.taken(), [] if self.task is None else list(self.task.found), key=len)
+
     def _gone(self) -> WorkerError:
         self.process.join(_LAST_BREATH)
         code = self.process.exitcode
@@ -142,7 +149,7 @@ class _Worker:
         if not (self._begun or killed):
             return WorkerError(f"{UNABLE}; or use jobs=1")
         how = "was killed, most likely for want of memory" if killed else "ended by itself"
-        error = _DeathError if self._begun else WorkerError  # one that had no work leaves none behind
+        error = WorkerError if self.task is None else _DeathError  # one that had no work leaves none behind
         return error(f"a worker process {how}; {GOES_ON}{'; use fewer jobs' if killed else ''}")
 
     def drain(self) -> None:
@@ -222,18 +229,19 @@ def _share_out(
     todo, workers, patience = deque(map(_Task, chunks)), list[_Worker](), 0.0
     busy: dict[Any, _Worker] = {}
 
-    def begin() -> None:
-        workers.append(worker := _Worker(play, interrupts))
+    def begin(task: _Task | None = None) -> None:
+        workers.append(worker := _Worker(play, interrupts, task))
         busy[worker.link] = worker
 
-    def bury(worker: _Worker, death: _DeathError) -> None:
-        chunk, deaths = worker.task
+    def replace(worker: _Worker, death: _DeathError) -> None:
+        assert worker.task is not None
+        chunk, deaths, found = worker.task
         if deaths == AGAIN:
             raise death
-        worker.taken()  # whoever begins anew finds them again
-        todo.appendleft(_Task(chunk, deaths + 1))
+        worker.process.kill()  # one that cannot be heard may still play
+        begin(_Task(chunk, deaths + 1, max(worker.results, found, key=len)))
+        worker.results, worker.task = [], None  # they are found again
         del busy[worker.link]
-        begin()
 
     try:
         for _ in range(min(jobs, len(todo))):
@@ -248,16 +256,17 @@ def _share_out(
                         if not worker.hear():
                             continue
                     results = worker.taken()
-                    if todo:
-                        worker.give(todo.popleft())
-                    else:
+                    task = worker.task or (todo.popleft() if todo else None)
+                    if task is None:
                         del busy[link]
+                    else:
+                        worker.give(task)
                 except _DeathError as death:
-                    bury(worker, death)
+                    replace(worker, death)
                 finally:
                     hand_over(results)
         patience = _LAST_BREATH
     finally:
         _end(workers, patience)
         for worker in workers:
-            hand_over(worker.taken())
+            hand_over(worker.left())

@@ -103,6 +103,49 @@ def test_a_worker_that_ends_by_itself_was_not_killed(monkeypatch):
         run(picklable.leaving, [1], 2, id)
 
 
+@pytest.mark.long
+def test_work_of_a_process_that_is_killed_is_begun_anew_and_handed_over_once(tmp_path):
+    found = []
+    run(picklable.dying_first, [(number, tmp_path) for number in range(3)], 2, found.append)
+    assert (tmp_path / "died").exists()
+    assert sorted(found) == [[0, 0], [1, 10], [2, 20]]
+
+
+@pytest.mark.long
+def test_processes_that_are_killed_again_and_again_are_one_line_that_says_how_to_go_on():
+    found = []
+    with pytest.raises(WorkerError, match="same call goes on"):
+        run(picklable.killed, range(3), 2, found.extend)
+    assert set(found) <= {0, 2}
+    assert len(set(found)) == len(found)
+
+
+@pytest.mark.long
+def test_a_process_that_is_killed_while_it_begins_in_place_of_another_is_replaced_too(tmp_path, monkeypatch):
+    class Frail(workers._Worker):
+        killed = 0
+
+        def __init__(self, play, interrupts, task=None):
+            super().__init__(play, interrupts, task)
+            if task is not None and Frail.killed < 2:
+                Frail.killed += 1
+                self.process.kill()
+
+    monkeypatch.setattr(workers, "_Worker", Frail)
+    found = []
+    run(picklable.dying_first, [(number, tmp_path) for number in range(3)], 2, found.append)
+    assert Frail.killed == 2
+    assert sorted(found) == [[0, 0], [1, 10], [2, 20]]
+
+
+@pytest.mark.long
+def test_what_was_finished_is_kept_even_if_those_that_begin_anew_finish_less(tmp_path):
+    found = []
+    with pytest.raises(WorkerError, match="same call goes on"):
+        run(picklable.dying_ever_earlier, [(7, tmp_path)], 2, found.append)
+    assert found == [[7]]
+
+
 @pytest.fixture
 def listening():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from picklable import dying_first, killed
 from places import PATIENCE, environment
 
 from jssa_gym import plots
@@ -42,7 +41,7 @@ from jssa_gym.evaluation.play import Player, play
 from jssa_gym.evaluation.report import tally
 from jssa_gym.evaluation.rows import Cell, digest_of
 from jssa_gym.evaluation.trace import load_trace, read_meta
-from jssa_gym.exceptions import ParameterError, WorkerError
+from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import make_human
 from jssa_gym.policies import POLICIES
 
@@ -140,23 +139,6 @@ def test_a_folder_of_another_campaign_is_refused(finished, monkeypatch, field):
     with pytest.raises(ParameterError, match=f"other {field}"):
         Ledger(finished[0], campaign)
     assert (finished[0] / "episodes.csv").read_bytes() == before
-
-
-@pytest.mark.long
-def test_work_of_a_process_that_is_killed_is_begun_anew_and_handed_over_once(tmp_path):
-    found = []
-    run(dying_first, [(number, tmp_path) for number in range(3)], 2, found.append)
-    assert (tmp_path / "died").exists()
-    assert sorted(found) == [[0, 0], [1, 10], [2, 20]]
-
-
-@pytest.mark.long
-def test_processes_that_are_killed_again_and_again_are_one_line_that_says_how_to_go_on():
-    found = []
-    with pytest.raises(WorkerError, match="same call goes on"):
-        run(killed, range(3), 2, found.extend)
-    assert set(found) <= {0, 2}
-    assert len(set(found)) == len(found)
 
 
 def test_a_broken_episode_s_command_plays_that_episode():
