@@ -43,7 +43,7 @@ class Second:
 
     def __init__(self, cache: Path) -> None:
         self._owner, self._whole, self._numbers, self._said = os.getpid(), set[Part](), dict[Part, int](), b""
-        paths = [str(Path(__file__).parents[2]), *filter(None, sys.path)]
+        paths = [folder or str(Path.cwd()) for folder in sys.path]  # what is imported here is imported there
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-W", "ignore", "-m", "jssa_gym.kernels.second"],
             bufsize=0,
