@@ -26,10 +26,11 @@ def passes_clear(standing, positions, every, clear, way, posture):
     for k in range(last):
         most = 0.0
         for j in range(n):
-            most = max(most, abs(positions[k + 1, j] - positions[k, j]))
+            moved = abs(positions[k + 1, j] - positions[k, j])
+            if not moved < np.inf:  # what is no number is not known to be clear
+                return False
+            most = max(most, moved)
         way[k + 1] = way[k] + most
-    if not way[last] < np.inf:  # what is no number is not known to be clear
-        return False
     parts = math.ceil(way[last] / every)
     k = last
     for part in range(parts, -1, -1):
