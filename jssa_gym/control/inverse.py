@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from jssa_gym.exceptions import UnreachableError
 from jssa_gym.kernels.descent import step_on, weigh
+from jssa_gym.kernels.passage import passes_clear
 from jssa_gym.kernels.postures import smallest_gap, stays_clear
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
@@ -89,12 +90,8 @@ def path_is_clear(robot: RobotModel, positions: Array, planes: Planes, static: C
         static: Capsules that stand still.
         clear: Distance to all of them [m].
     """
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(positions, axis=0)).max(axis=1))])
-    at = np.linspace(0.0, way[-1], int(np.ceil(way[-1] / _EVERY)) + 1)
-    postures = np.array([np.interp(at, way, joint) for joint in positions.T]).T
-    around = standing(robot, planes, static)
-    least = min(clear, smallest_gap(around, np.array(positions[0])))
-    return stays_clear(around, np.ascontiguousarray(postures), least)
+    around, at = standing(robot, planes, static), np.array(positions)
+    return passes_clear(around, at, _EVERY, clear, np.empty(len(at)), np.empty(robot.n))
 
 
 def postures_for(

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
+from jssa_gym.kernels.interior import longest, newton_right, newton_step, times
 from jssa_gym.types import Array
 
 FEWEST = 4
@@ -36,6 +37,10 @@ _STALL = 10
 
 _SHY = 1e-8
 """Share of the limits that the interior-point method stays away from them: more than it is off when it ends."""
+
+
+_factorise, _solve = linalg.get_lapack_funcs(("pbtrf", "pbtrs"), dtype=np.float64)
+"""Cholesky's factors of a banded matrix, and a solution with them: scipy.linalg's own, called without its checks."""
 
 
 class Equalities(NamedTuple):
@@ -64,7 +69,7 @@ class Splines(NamedTuple):
     """Rows that nothing free moves: the positions at the waypoints."""
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=256)  # many arms have plans of many lengths
 def equalities(ticks: tuple[int, ...]) -> Equalities:
     """The equalities of waypoints so many ticks apart, each at least :data:`FEWEST`."""
     marks = np.cumsum(ticks)
@@ -79,7 +84,7 @@ def equalities(ticks: tuple[int, ...]) -> Equalities:
     return Equalities(marks, A, scale, Q, R)
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=256)  # many arms have plans of many lengths
 def splines(ticks: tuple[int, ...]) -> Splines:
     """The splines of waypoints so many ticks apart, each at least :data:`FEWEST`."""
     marks = np.cumsum(ticks)
@@ -185,62 +190,46 @@ def limited(
     lower, upper = _SHY - 1.0 - at, 1.0 - _SHY - at
     cost = np.zeros(len(size))
     cost[:H] = 1.0
+    edge, side = np.array([upper, -lower]), np.array([[1.0], [-1.0]])
+    rows, columns, products = (_parts(matrix) for matrix in (spline.rows, spline.columns, spline.products))
     y, reach = np.zeros(f), np.zeros_like(size)  # reach is what the rows make of y
-    s1, s2 = np.maximum(upper, 0.1), np.maximum(-lower, 0.1)
-    z1, z2 = np.full_like(size, 0.1), np.full_like(size, 0.1)
+    s, z = np.maximum(edge, 0.1), np.full_like(edge, 0.1)
+    slope, right, bands = np.empty(f), np.empty(f), np.empty((_BANDS + 1, f))
+    pull, step = np.empty_like(size), (np.empty_like(size), np.empty_like(s), np.empty_like(s))
+    dr, ds, dz = step
     best, since = np.inf, 0
     for _ in range(_ROUNDS):
-        p1, p2 = reach + s1 - upper, s2 - reach + lower
-        slope = spline.columns @ (cost * reach + size * (z1 - z2))
-        gap = (s1 @ z1 + s2 @ z2) / (2.0 * len(size))
-        miss = max(np.abs(p1).max(), np.abs(p2).max())
+        p = s + side * reach - edge
+        gap = (s[0] @ z[0] + s[1] @ z[1]) / (2.0 * len(size))
+        miss = np.abs(p).max()
         best, since = (miss, 0) if miss < 0.9 * best else (best, since + 1)
         if (miss <= 0.5 * _SHY and gap <= _SHY) or since > _STALL or not np.isfinite(gap):
             break
-        w1, w2 = z1 / s1, z2 / s2
-        bands = (spline.products @ (size * size * (w1 + w2) + cost)).reshape(_BANDS + 1, f)
-        try:
-            factor = linalg.cholesky_banded(bands, overwrite_ab=True, check_finite=False)
-        except linalg.LinAlgError:
+        times(columns, cost * reach + size * (z[0] - z[1]), slope)
+        w = z / s
+        times(products, size * size * (w[0] + w[1]) + cost, bands.reshape(-1))
+        factor, failed = _factorise(bands)
+        if failed:
             break
-        newton = _Newton(spline, factor, size, slope, p1, p2, s1, s2, z1, z2, w1, w2)
-        _, _, ds1, ds2, dz1, dz2 = newton.step(s1 * z1, s2 * z2)
-        primal, dual = _longest((s1, ds1), (s2, ds2)), _longest((z1, dz1), (z2, dz2))
-        after = (s1 + primal * ds1) @ (z1 + dual * dz1) + (s2 + primal * ds2) @ (z2 + dual * dz2)
-        centre = (after / (2.0 * len(size)) / gap) ** 3 * gap
-        dy, dr, ds1, ds2, dz1, dz2 = newton.step(s1 * z1 + ds1 * dz1 - centre, s2 * z2 + ds2 * dz2 - centre)
-        along = min(1.0, 0.995 * _longest((s1, ds1), (s2, ds2), (z1, dz1), (z2, dz2)))
+        both = s * z
+        for corrects in (False, True):
+            c = both
+            if corrects:
+                primal, dual = longest(s, ds), longest(z, dz)
+                later_s, later_z = s + primal * ds, z + dual * dz
+                after = later_s[0] @ later_z[0] + later_s[1] @ later_z[1]
+                c = both + ds * dz - (after / (2.0 * len(size)) / gap) ** 3 * gap
+            newton_right(columns, size, slope, (s, w, p), c, pull, right)
+            dy, _ = _solve(factor, right)
+            newton_step(rows, size, dy, (s, z, p), c, step)
+        along = min(1.0, 0.995 * min(longest(s, ds), longest(z, dz)))
         y, reach = y + along * dy, reach + along * dr
-        s1, s2, z1, z2 = s1 + along * ds1, s2 + along * ds2, z1 + along * dz1, z2 + along * dz2
-    return jerk + J * (spline.rows[:H] @ y)
+        s, z = s + along * ds, z + along * dz
+    moved = np.empty_like(size)
+    times(rows, y, moved)
+    return jerk + J * moved[:H]
 
 
-class _Newton(NamedTuple):
-    """Newton's equations at one point, for two right-hand sides."""
-
-    spline: Splines
-    factor: Array
-    size: Array
-    slope: Array
-    p1: Array
-    p2: Array
-    s1: Array
-    s2: Array
-    z1: Array
-    z2: Array
-    w1: Array
-    w2: Array
-
-    def step(self, c1: Array, c2: Array) -> tuple[Array, ...]:
-        """Step after which the products s z are what they were, less c."""
-        pull = self.w1 * self.p1 - c1 / self.s1 - self.w2 * self.p2 + c2 / self.s2
-        right = -self.slope - self.spline.columns @ (self.size * pull)
-        dy = linalg.cho_solve_banded((self.factor, False), right, check_finite=False)
-        dr = self.size * (self.spline.rows @ dy)
-        ds1, ds2 = -self.p1 - dr, -self.p2 + dr
-        return dy, dr, ds1, ds2, -(c1 + self.z1 * ds1) / self.s1, -(c2 + self.z2 * ds2) / self.s2
-
-
-def _longest(*pairs: tuple[Array, Array]) -> float:
-    """Longest step, at most 1, that keeps positive values non-negative."""
-    return 1.0 / max(1.0, *(float(np.max(-change / value)) for value, change in pairs))
+def _parts(matrix: sparse.csr_array) -> tuple[Array, NDArray[np.int32], NDArray[np.int32]]:
+    """A matrix as kernels take it."""
+    return matrix.data, matrix.indices, matrix.indptr

@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 from jssa_gym.control.least_jerk import FEWEST
 from jssa_gym.control.plan import TOLERANCE, Plan, affordable, checked_state, plan_waypoints
 from jssa_gym.exceptions import InfeasibleError
+from jssa_gym.kernels.fewest import search
 from jssa_gym.kernels.records import STOP, records
 from jssa_gym.kernels.stopping import plan_stop, stop_jerk
 from jssa_gym.robots import JointLimits
@@ -53,19 +54,7 @@ def fewest_ticks(distance: float, V: float, A: float, J: float, dt: float) -> tu
             shortest = rise + 2.0 * np.sqrt(rise**2 / 4.0 + distance / A)
     affordable(float(shortest) / dt, dt)
     total = max(FEWEST, int(np.ceil(shortest / dt - 1e-9)))
-    while True:
-        n_j = np.arange(1, total // 4 + 1)[:, None]
-        # of all n_a the largest needs the least jerk; the speed limit has the last word, to rounding
-        most = np.minimum((total - 4 * n_j) // 2, np.floor(total - 2 * n_j - distance / (V * dt)).astype(np.int64))
-        n_a = np.maximum(most + np.arange(-2, 3), 0)
-        n_v = total - 4 * n_j - 2 * n_a
-        speed = n_j * (n_j + n_a) * dt**2
-        jerk = np.where(n_v >= 0, distance / (speed * (2 * n_j + n_a + np.maximum(n_v, 0)) * dt), np.inf)
-        jerk[(jerk > J) | (jerk * n_j * dt > A) | (jerk * speed > V)] = np.inf
-        best = np.unravel_index(np.argmin(jerk), jerk.shape)
-        if jerk[best] < np.inf:
-            return int(n_j[best[0], 0]), int(n_a[best]), int(n_v[best])
-        total += 1
+    return search(total, distance, (V, A, J), dt, dt**2)
 
 
 def _shape(n_j: int, n_a: int, n_v: int, dt: float) -> Array:

@@ -122,6 +122,12 @@ class TestClear:
         # however few ticks it takes
         assert not path_is_clear(ROBOT, there_and_back[::119], TABLE, nobody(), 0.01)
 
+    @pytest.mark.parametrize("wrong", [np.nan, np.inf])
+    def test_what_is_no_number_is_not(self, wrong) -> None:
+        way = self.way(HOME)
+        way[-1, 0] = wrong
+        assert not path_is_clear(ROBOT, way, TABLE, nobody(), 0.01)
+
     def test_capsules_that_stand_there_count(self) -> None:
         turned = HOME.copy()
         turned[0] += 0.8
