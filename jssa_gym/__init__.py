@@ -194,19 +194,7 @@ __all__ = [
 
 
 _PACKAGES = (
-    *(
-        "board",
-        "certificate",
-        "control",
-        "datasets",
-        "engine",
-        "envs",
-        "evaluation",
-        "guard",
-        "hardware",
-        "humans",
-        "paper",
-    ),
+    *("board", "certificate", "control", "datasets", "engine", "envs", "evaluation", "guard", "hardware", "humans"),
     *("paper", "perception", "plots", "policies", "robots", "safety", "shields", "train", "types", "viewer"),
 )
 

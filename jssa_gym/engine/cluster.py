@@ -167,6 +167,7 @@ def _settle(path: tuple[str, ...], folder: str, version: str) -> None:
             "same one"
         )
     show_messages()
+    os.environ.setdefault("JSSA_GYM_SECOND_COMPILER", "0")  # there are as many workers as cores
     sys.path += [place for place in path if place not in sys.path]
     if Path(folder).is_dir():
         os.chdir(folder)

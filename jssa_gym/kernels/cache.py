@@ -82,7 +82,11 @@ class _Entries(IndexDataCacheFile):
             file.write(content.getvalue() + _checksum(content.getvalue()))
 
     def _load_index(self) -> dict[Any, str]:
-        return super()._load_index() if self._is_whole(self._index_path) else {}
+        try:
+            return super()._load_index() if self._is_whole(self._index_path) else {}
+        except Exception:  # whatever it names, the kernel can be compiled
+            _warn("Compiled kernels in %s do not load; compiling them anew.", self._cache_path)
+            return {}
 
     def _load_data(self, name: str) -> Any:
         return super()._load_data(name) if self._is_whole(self._data_path(name)) else None

@@ -69,9 +69,9 @@ def compile_together(kernel: Any, types: tuple[Any, ...], parts: Callable[[], Se
     """
     if config.DISABLE_JIT or CACHE_DIRECTORY is None or types in kernel.overloads:
         return
-    if kernel._cache.holds(types, kernel.targetctx) or not _can_be_two():
-        return
     try:
+        if kernel._cache.holds(types, kernel.targetctx) or not _can_be_two():
+            return
         if not any(other.runs for other in second.running):
             second.running[:] = [second.Second(CACHE_DIRECTORY.parent)]
         whole, *asked = [(second.full_name(part.py_func), of) for part, of in ((kernel, types), *parts())]
@@ -87,6 +87,8 @@ def _can_be_two() -> bool:
         and CACHE_IS_WRITABLE
         and os.environ.get("JSSA_GYM_SECOND_COMPILER", "1") != "0"
         and multiprocessing.parent_process() is None
+        and sys.platform != "win32"  # whose pipes nobody can wait for
+        and not sys.flags.ignore_environment  # which tells the other one where to import from
         # not a program that has Python inside
         and Path(sys.executable or "").name.startswith("python")
     )

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 import time
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -44,14 +45,17 @@ class Second:
     def __init__(self, cache: Path) -> None:
         self._owner, self._whole, self._numbers, self._said = os.getpid(), set[Part](), dict[Part, int](), b""
         paths = [folder or str(Path.cwd()) for folder in sys.path]  # what is imported here is imported there
+        alike = ["-s"] if sys.flags.no_user_site else []
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-W", "ignore", "-m", "jssa_gym.kernels.second"],
+            [sys.executable, *alike, "-P", "-W", "ignore", "-m", "jssa_gym.kernels.second"],
             bufsize=0,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env={**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": os.pathsep.join(paths)},
         )
+        assert self._process.stdin is not None
+        os.set_blocking(self._process.stdin.fileno(), False)  # one that reads nothing is not waited for
         atexit.register(self.close)
 
     @property
@@ -65,7 +69,8 @@ class Second:
         numbers = dict(zip(new, range(len(self._numbers), len(self._numbers) + len(new)), strict=True))
         self._whole.add(whole)
         self._numbers |= numbers
-        self._write(f"compile {pickle.dumps(numbers).hex()}")
+        # types repeat themselves: what is asked for has to fit into a pipe that nobody reads yet
+        self._write(f"compile {zlib.compress(pickle.dumps(numbers)).hex()}")
 
     def has_compiled(self, part: Part) -> bool:
         """Whether a part is compiled there; if that has begun, it is waited for, else it is left to this process."""
@@ -103,21 +108,24 @@ class Second:
         return f"{what} {number}\n".encode() in self._said
 
     def _write(self, line: str) -> None:
-        pipe = self._process.stdin
+        pipe, text, sent = self._process.stdin, f"{line}\n".encode(), None
         if pipe is not None and not pipe.closed:
             with contextlib.suppress(OSError):  # it has ended
-                pipe.write(f"{line}\n".encode())
+                sent = pipe.write(text)
+            if sent != len(text):
+                self.close()
 
     def _read(self, seconds: float) -> bool:
         """Take down what it says within so many seconds; False once it has ended."""
         pipe = self._process.stdout
         if pipe is None or pipe.closed:
             return False
-        with selectors.DefaultSelector() as selector:
+        said = b""
+        with contextlib.suppress(OSError), selectors.DefaultSelector() as selector:
             selector.register(pipe, selectors.EVENT_READ)
             if not selector.select(seconds):
                 return True
-        said = os.read(pipe.fileno(), 65536)
+            said = os.read(pipe.fileno(), 65536)
         self._said += said
         if not said:
             self.close()
@@ -150,7 +158,7 @@ def main() -> None:
     threading.Thread(target=_listen, args=(asked, left), daemon=True).start()
     with contextlib.suppress(queue.Empty):
         while True:
-            for (name, types), number in pickle.loads(asked.get(timeout=_IDLE)).items():
+            for (name, types), number in pickle.loads(zlib.decompress(asked.get(timeout=_IDLE))).items():
                 if number not in left:
                     os.write(answers, f"begun {number}\n".encode())
                     module, _, kernel = name.partition(":")

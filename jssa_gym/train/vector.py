@@ -95,6 +95,8 @@ class ArmVecEnv(VecEnv):
     """
 
     def __init__(self, env: VectorEnv) -> None:
+        if isinstance(env, TrainConfig):
+            raise InterfaceError("a training's settings are no vector: training_vector(config) makes one of them")
         arms = env.unwrapped
         if not isinstance(arms, VectorArmEnv):
             raise InterfaceError(f"{env} is no VectorArmEnv: put single environments into a DummyVecEnv")

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -48,6 +49,12 @@ BEGUN = """
 deadline = time.monotonic() + 60.0
 while not second.running[0]._has_said("begun", 0) and time.monotonic() < deadline:
     second.running[0]._read(0.1)
+"""
+MUCH = """
+for _ in range(4):
+    if second.running[0].runs:
+        second.running[0].ask((os.urandom(8).hex(), ()), [(os.urandom(40_000).hex(), ())])
+assert not second.running[0].runs, "it is waited for"
 """
 USE = """
 assert abs(capsule_pair(*points, 0.5)[0] - 0.5) < 1e-12
@@ -100,8 +107,10 @@ def test_a_part_is_compiled_elsewhere_and_loaded_here(tmp_path, alone) -> None:
         BOTH + BEGUN + "second.running[0]._process.kill()",
         # it hangs: the other waits in vain
         BOTH + BEGUN + "os.kill(second.running[0]._process.pid, signal.SIGSTOP); second.LONGEST = 0.5",
+        BOTH + "os.kill(second.running[0]._process.pid, signal.SIGSTOP)\n" + MUCH,
+        BOTH + "def unable(*a):\n    raise OSError(10038)\nsecond.selectors.DefaultSelector.register = unable",
     ],
-    ids=["fails", "killed at once", "killed while it compiles", "hangs"],
+    ids=["fails", "killed at once", "killed while it compiles", "hangs", "reads nothing", "cannot be heard"],
 )
 def test_whatever_becomes_of_it_everything_is_compiled(tmp_path, what, alone) -> None:
     assert run(f"{what}\n{USE}", tmp_path, **TWO)[0] == "capsule_pair"
@@ -204,8 +213,20 @@ def test_one_is_started_for_what_is_not_cached(started, tmp_path) -> None:
         lambda patch: patch.setattr("multiprocessing.parent_process", lambda: "another"),
         lambda patch: patch.setattr(sys, "executable", "/usr/bin/blender"),
         lambda patch: patch.setattr(sys, "executable", None),
+        lambda patch: patch.setattr(sys, "platform", "win32"),
+        lambda patch: patch.setattr(sys, "flags", SimpleNamespace(ignore_environment=1)),
     ],
-    ids=["switched off", "one core", "unwritable", "no compiler", "a worker", "embedded", "no executable"],
+    ids=[
+        "switched off",
+        "one core",
+        "unwritable",
+        "no compiler",
+        "a worker",
+        "embedded",
+        "no executable",
+        "Windows",
+        "no environment",
+    ],
 )
 def test_none_is_started(started, monkeypatch, forbid) -> None:
     kernel = compiler.jit(twice)

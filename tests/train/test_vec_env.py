@@ -49,3 +49,5 @@ def test_vectors_that_it_cannot_have_are_refused():
         ArmVecEnv(gym.make_vec("jssa_gym/Reach-v0", 2, vectorization_mode="sync"))
     with pytest.raises(ParameterError, match='autoreset_mode="Disabled"'):
         ArmVecEnv(gym.make_vec("jssa_gym/Reach-v0", 2))
+    with pytest.raises(InterfaceError, match="training_vector"):
+        ArmVecEnv(TrainConfig("reach"))
