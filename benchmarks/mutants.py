@@ -1104,6 +1104,14 @@ MUTANTS = [
         (MARGIN, "for_a_wide"),
     ),
     Mutant(
+        "balls are lines where they are looked at again",
+        "kernels/index.py",
+        "            if not common:\n                _, _, _, phi",
+        "            if False:\n                _, _, _, phi",
+        ("tests/kernels/test_lanes.py", "people_together"),
+    ),
+    Mutant("balls are lines", "kernels/capsules.py", "    if not holds:\n", "    if False:\n", (KERNELS, "agree")),
+    Mutant(
         "a margin does not say how fast the arm is",
         "kernels/margin.py",
         "work.quickest[0] = speed",

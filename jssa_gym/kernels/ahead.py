@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jssa_gym.kernels.capsules import capsule_pair
+from jssa_gym.kernels.capsules import capsule_pair, common_pair
 from jssa_gym.kernels.chain import place_axes, place_present, pose
 from jssa_gym.kernels.index import direction
 from jssa_gym.kernels.jit import jit
@@ -133,7 +133,10 @@ def predicted_rows(robot, motion, agents, foresight, work):
                 agent = agents[k]
                 radii = part["radius"] + agent["radius"]
                 start, end = _moved(agent, t)
-                gap, s, r = capsule_pair(part["start"], part["end"], start, end, radii)
+                a, b = part["start"], part["end"]
+                gap, s, r, common = common_pair((a[0], a[1], a[2]), (b[0], b[1], b[2]), start, end, radii)
+                if not common:
+                    gap, s, r = capsule_pair(a, b, start, end, radii)
                 if not np.isfinite(gap):
                     return 0, np.nan, np.nan, -1, -1
                 least = min(least, gap)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jssa_gym.kernels.jit import inlined, jit
+from jssa_gym.kernels.jit import inlined, jit, part
 from jssa_gym.kernels.vector import add, along, cross, dot, subtract
 
 _POINT = 1e-30
@@ -94,6 +94,19 @@ def capsule_pair(a, b, c, d, radii):
     s, r = closest_points(a, b, c, d)
     w = subtract(along(a, b, s), along(c, d, r))
     return np.sqrt(dot(w, w)) - radii, s, r
+
+
+@part
+def pair_of(one, other, radii):
+    """:func:`capsule_pair` of records with ``start`` and ``end``, put into its callers: they ask for many pairs."""
+    a, b = one["start"], one["end"]
+    c, d = other["start"], other["end"]
+    gap, s, r, holds = common_pair(
+        (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]), (d[0], d[1], d[2]), radii
+    )  # fmt: skip
+    if not holds:
+        gap, s, r = capsule_pair(a, b, c, d, radii)
+    return gap, s, r
 
 
 @jit

@@ -272,21 +272,14 @@ def _put_agents_indices(segments, agents, planes, index, pairs):
             sx_dot[k], sy_dot[k], sz_dot[k], ex_dot[k], ey_dot[k], ez_dot[k] = v[0], v[1], v[2], w[0], w[1], w[2]
         for i in range(segments.shape[0]):
             robot = segments[i]
-            thick, a, b = robot["radius"], _vector(robot["start"]), _vector(robot["end"])
-            a_dot, b_dot = _vector(robot["start_velocity"]), _vector(robot["end_velocity"])
-            a_ddot, b_ddot = _vector(robot["start_acceleration"]), _vector(robot["end_acceleration"])
+            thick, axis = robot["radius"], _axis(robot)
             for k in range(LANES):
                 start, end = (sx[k], sy[k], sz[k]), (ex[k], ey[k], ez[k])
-                distance[k], s[k], r[k], common = common_pair(a, b, start, end, thick + radius[k])
-                w = subtract(along(a, b, s[k]), along(start, end, r[k]))
-                moves = along((sx_dot[k], sy_dot[k], sz_dot[k]), (ex_dot[k], ey_dot[k], ez_dot[k]), r[k])
-                d = distance[k] + thick + radius[k]
-                rate, _, curvature = _rates(
-                    scale(w, 1.0 / d), max(d, _TOUCHING), subtract(along(a_dot, b_dot, s[k]), moves),
-                    along(a_ddot, b_ddot, s[k]),
-                )  # fmt: skip
-                phi[k] = index_value(distance[k], rate, curvature, index)
-                holds[k] = 1.0 if common & (d >= _CROSSING) else 0.0
+                start_dot, end_dot = (sx_dot[k], sy_dot[k], sz_dot[k]), (ex_dot[k], ey_dot[k], ez_dot[k])
+                distance[k], s[k], r[k], phi[k], common = _common_index(
+                    axis, (start, end, start_dot, end_dot), thick, radius[k], index
+                )
+                holds[k] = 1.0 if common else 0.0
             for k in range(min(LANES, count - first)):
                 pair = pairs[i, first + k]
                 if holds[k] == 1.0 and not index.sliding:
@@ -295,6 +288,30 @@ def _put_agents_indices(segments, agents, planes, index, pairs):
                     pair["distance"], pair["s"], pair["r"], pair["phi"] = _pair_index(
                         robot, agents, planes, first + k, index
                     )
+
+
+@inlined
+def _axis(robot):
+    """Ends of a robot capsule's axis, their velocities and accelerations."""
+    return (
+        _vector(robot["start"]), _vector(robot["end"]), _vector(robot["start_velocity"]),
+        _vector(robot["end_velocity"]), _vector(robot["start_acceleration"]), _vector(robot["end_acceleration"]),
+    )  # fmt: skip
+
+
+@inlined
+def _common_index(axis, other, thick, radius, index):
+    """:func:`_pair_index` without branches and without the sliding term, and whether it holds."""
+    a, b, a_dot, b_dot, a_ddot, b_ddot = axis
+    start, end, start_dot, end_dot = other
+    distance, s, r, common = common_pair(a, b, start, end, thick + radius)
+    w = subtract(along(a, b, s), along(start, end, r))
+    d = distance + thick + radius
+    rate, _, curvature = _rates(
+        scale(w, 1.0 / d), max(d, _TOUCHING), subtract(along(a_dot, b_dot, s), along(start_dot, end_dot, r)),
+        along(a_ddot, b_ddot, s),
+    )  # fmt: skip
+    return distance, s, r, index_value(distance, rate, curvature, index), common & (d >= _CROSSING)
 
 
 @inlined
@@ -335,9 +352,24 @@ def reassess(links, capsules, state, agents, planes, index, above, ahead, frames
     set_moving(links, state, frames)
     move_axes(frames, capsules, segments)
     for i in range(segments.shape[0]):
+        robot = segments[i]
         for j in range(agents.shape[0] + planes.shape[0]):
-            if not ahead[i, j]["phi"] <= above:
-                _, _, _, now[i, j]["phi"] = _pair_index(segments[i], agents, planes, j, index)
+            if ahead[i, j]["phi"] <= above:
+                continue
+            common, phi = False, np.nan
+            if j < agents.shape[0] and not index.sliding:
+                agent = agents[j]
+                _, _, _, phi, common = _common_index(
+                    _axis(robot),
+                    (
+                        _vector(agent["start"]), _vector(agent["end"]),
+                        _vector(agent["start_velocity"]), _vector(agent["end_velocity"]),
+                    ),
+                    robot["radius"], agent["radius"], index,
+                )  # fmt: skip
+            if not common:
+                _, _, _, phi = _pair_index(robot, agents, planes, j, index)
+            now[i, j]["phi"] = phi
 
 
 @jit

@@ -24,7 +24,7 @@ _CLEARLY = 1e-6
 """What has to be left of a margin for more than rounding [m]."""
 
 
-@jit
+@part
 def margin(robot, motion, ticks, around, work):
     r"""Smallest gap that is left between arm and people until the arm is at rest [m].
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jssa_gym.kernels.jit import jit
+from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.occupancy import STEADY, SWERVED, UNCONFIRMED
 from jssa_gym.kernels.vector import add, dot, scale, subtract
 
@@ -99,7 +99,7 @@ def _swerves(ends, j, radius, track, stamp, error):
     return _strays(ends, j, radius - track["anchor_radius"], track["anchor"], since, error, track)
 
 
-@jit
+@part
 def _judge(time, ends, j, radius, age, valid, person, error, track):
     """Take in one capsule's sample, or not; what became of it."""
     if person != track["person"]:

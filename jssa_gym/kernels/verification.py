@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.kernels import lanes as together
-from jssa_gym.kernels.capsules import apart, ball_around, capsule_pair, plane_pair, put_balls, stands
+from jssa_gym.kernels.capsules import apart, ball_around, pair_of, plane_pair, put_balls, stands
 from jssa_gym.kernels.chain import place_axes, place_present, pose
 from jssa_gym.kernels.jit import jit, part
 from jssa_gym.kernels.lanes import LANES, lanes
@@ -225,7 +225,7 @@ def beside_people(around):
     )  # fmt: skip
 
 
-@jit
+@part
 def surely_meets(robot, motion, around, i, k, work):
     """Whether :func:`keeps_clear` would find capsule i, or something before it, in the way of person k: for certain.
 
@@ -250,9 +250,7 @@ def surely_meets(robot, motion, around, i, k, work):
     pose(robot.links[:joints], work.posture, work.frames_now)
     place_axes(work.frames_now, robot.capsules[i : i + 1], work.segments_now[i : i + 1])
     part = work.segments_now[i]
-    gap, _, _ = capsule_pair(
-        part["start"], part["end"], agent["start"], agent["end"], part["radius"] + agent["radius"]
-    )  # fmt: skip
+    gap, _, _ = pair_of(part, agent, part["radius"] + agent["radius"])
     return gap - around.reach[k] - around.growth[k] * t < -_CLOSED
 
 
@@ -268,7 +266,7 @@ def _rests(gap, rate, t):
     return t == 0.0 and gap <= 0.0 and rate <= REST_SPEED
 
 
-@jit
+@part
 def keeps_clear(robot, motion, ticks, around, work):
     """Whether one step and the stop after it keep off everything until the arm is at rest.
 
@@ -322,7 +320,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                 far = radii + reach[k] + speed[k] * t + (rate + speed[k]) * (max(lasting, SHORTEST) + _ROUNDING)
                 if apart(ball, balls[k], far):
                     continue
-                gap, _, _ = capsule_pair(part["start"], part["end"], agent["start"], agent["end"], radii)
+                gap, _, _ = pair_of(part, agent, radii)
                 lasts = (gap - reach[k] - speed[k] * t) / (rate + speed[k])
                 if not (lasts > SHORTEST):
                     lasts = apart_for(part, radii, around.confined[k], reach[k], speed[k], rate, t)
@@ -350,7 +348,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                     continue
                 static = statics[k]
                 radii = part["radius"] + static["radius"]
-                gap, _, _ = capsule_pair(part["start"], part["end"], static["start"], static["end"], radii)
+                gap, _, _ = pair_of(part, static, radii)
                 lasts = np.inf if _rests(gap - margin, rate, t) else (gap - margin) / rate
                 if not (lasts > SHORTEST):
                     return STATIC, i, k, t
@@ -368,7 +366,7 @@ def keeps_clear(robot, motion, ticks, around, work):
                 rate += levers[outer, j] * fastest[j]
             if rate <= 0.0:
                 continue
-            gap, _, _ = capsule_pair(one["start"], one["end"], two["start"], two["end"], one["radius"] + two["radius"])
+            gap, _, _ = pair_of(one, two, one["radius"] + two["radius"])
             lasts = np.inf if _rests(gap - 2.0 * margin, rate, t) else (gap - 2.0 * margin) / rate
             if not (lasts > SHORTEST):
                 return SELF, outer, inner, t

@@ -117,7 +117,7 @@ def keeps_safe(robot, settings, memory, jerk, hardness, work, e):
     return verify(robot, settings, memory, jerk, hardness, np.nan, work, e)
 
 
-@jit
+@part
 def verify(robot, settings, memory, jerk, hardness, room, work, e):
     """Whether the stop of a hardness after one step at ``jerk`` (n,) is verified, into ``work.next``.
 
@@ -147,7 +147,7 @@ def verify_planned(robot, settings, memory, jerk, ticks, room, work, e):
     return code, row, column, moment
 
 
-@jit
+@part
 def _meets_the_same(robot, settings, memory, jerk, work, e):
     """Whether who was in the way of the stop before is surely in that of the one that has been planned."""
     if work.met[0] < 0:

@@ -6,7 +6,7 @@ from numba import njit
 
 from jssa_gym.kernels import lanes, viability
 from jssa_gym.kernels.capsules import capsule_pair
-from jssa_gym.kernels.index import assess, evaluate
+from jssa_gym.kernels.index import assess, evaluate, reassess
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, STOP, records
 from jssa_gym.kernels.stopping import _stays, make_plan_representable, parts_keep, plan_stop, step_keeps, stop_joint
@@ -105,7 +105,7 @@ def test_people_together_are_people_alone(people):
         np.zeros((3, n)),
         records((m, people), PAIR),
     )
-    agents = records(people, AGENT)
+    agents, again = records(people, AGENT), records((m, people), PAIR)
     for draw in range(100):
         for field in AGENT.names[:4]:
             agents[field] = rng.uniform(-1.5, 1.5, (people, 3))
@@ -123,3 +123,6 @@ def test_people_together_are_people_alone(people):
                 distance, s, r = capsule_pair(one["start"], one["end"], agent["start"], agent["end"], radii)
                 phi, _, _, _ = evaluate(one, agent, s, r, distance, index)
                 np.testing.assert_array_equal(list(pair.item()), [distance, s, r, phi])
+        # what is looked at again, one by one
+        reassess(robot.links, robot.capsules, after, agents, planes, index, -np.inf, pairs, frames, segments, again)
+        np.testing.assert_array_equal(again["phi"], pairs["phi"])
