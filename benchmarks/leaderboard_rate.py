@@ -27,6 +27,9 @@ PARTS = (
 )
 """Tasks, people and policies, as docs/leaderboard.md has them."""
 
+STEPS = 1000
+"""Of an episode: 8 s."""
+
 TIMES = ("shield_p50", "shield_p95", "shield_p99", "shield_max", "deadline_miss_rate")
 """Of a summary, what is no other tree's."""
 
@@ -39,8 +42,8 @@ def serve() -> None:
 
     print(made_with(), flush=True)
     for line in sys.stdin:
-        *names, seed, episodes = json.loads(line)
-        study = Study(*((name,) for name in names), episodes=episodes, seed=seed)
+        *names, seed, episodes, steps = json.loads(line)
+        study = Study(*((name,) for name in names), episodes=episodes, seed=seed, steps=steps)
         ((cell, seeds),) = study.seeds().items()
         start = time.process_time()
         rows = list(Player(study, cell).measure_all(seeds))
@@ -93,10 +96,11 @@ def main() -> None:
         people = [human for human in people if human in (options.humans or people)]
         for task, policy, name in product(tasks, policies, options.filters):
             spent = [0.0] * len(trees)
-            for tree in trees:  # compiles
-                tree.play(task, name, people[0], policy, 0, 4)
             for human in people:
-                played = [tree.play(task, name, human, policy, options.seed, options.episodes) for tree in trees]
+                for tree in trees:  # compiles
+                    tree.play(task, name, human, policy, 0, 4, 20)
+                asked = task, name, human, policy, options.seed, options.episodes, STEPS
+                played = [tree.play(*asked) for tree in trees]
                 for k, (seconds, rows) in enumerate(played):
                     spent[k] += seconds
                     differ[k] += sum(a != b for a, b in zip(rows, played[0][1], strict=True))
