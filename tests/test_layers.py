@@ -239,3 +239,15 @@ def test_tests_stand_where_what_they_test_does():
     packages = [place.parent.name for place in sorted(PACKAGE.glob("*/__init__.py"))]
     assert len(packages) > 20
     assert [name for name in packages if not any((tests / name).glob("test_*.py"))] == []
+
+
+def test_a_docstring_says_what_something_is_before_what_it_is_of():
+    told = []
+    for module, _, path in sources():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                first = (ast.get_docstring(node) or "None").split()[0]
+                told += (
+                    [f"{module}.{node.name}: {first} ..."] if first in ("Of", "In", "By", "At", "From", "For") else []
+                )
+    assert told == []

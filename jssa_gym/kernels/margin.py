@@ -8,7 +8,7 @@ import numpy as np
 
 from jssa_gym.kernels.capsules import capsule_pair, common_pair, put_axes
 from jssa_gym.kernels.chain import place_axes, pose
-from jssa_gym.kernels.jit import jit, part
+from jssa_gym.kernels.jit import part
 from jssa_gym.kernels.lanes import LANES, lanes
 from jssa_gym.kernels.region import room_inside
 from jssa_gym.kernels.rest import REST_SPEED

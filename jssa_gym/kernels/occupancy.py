@@ -83,7 +83,7 @@ def apart_for(part, radii, one, reach, speed, rate, t):
 
 @part
 def _apart_tapered(part, radii, one, reach, speed, rate, t):
-    """Of pieces, each of which grows as fast as its faster end: the shortest time of any."""
+    """The shortest time of any of the pieces, each of which grows as fast as its faster end."""
     shortest, slower, knots = np.inf, one["slower"], one["knots"]
     for p in range(PIECES):
         near, far = p / PIECES, (p + 1) / PIECES
@@ -99,7 +99,7 @@ def _apart_tapered(part, radii, one, reach, speed, rate, t):
 
 @part
 def _apart_swerving(part, radii, one, rate, t):
-    """Of a capsule that moves on as it was measured to, and grows by what its acceleration can add."""
+    """The time of a capsule that moves on as it was measured to, and grows by what its acceleration can add."""
     late, moved, a = one["late"], one["moved"], one["acceleration"]
     # by when it is t, between t and t + late have passed since the measurement: age and lag are upper bounds
     middle, longest = t + late / 2.0, t + late

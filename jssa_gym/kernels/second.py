@@ -31,7 +31,7 @@ Part = tuple[str, tuple[Any, ...]]
 
 
 def full_name(function: Any) -> str:
-    """Of a kernel's Python function."""
+    """A name by which another process finds a kernel's Python function."""
     return f"{function.__module__}:{function.__qualname__}"
 
 

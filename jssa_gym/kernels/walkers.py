@@ -294,11 +294,21 @@ def _approach_at_once(w, dt):
 
 @jit
 def stopping_speed(way, acceleration, dt):
-    """Largest speed of the step to come from which one can come to rest right at the end of a way, at least 0 [m]."""
-    total = way / dt
+    """Largest speed of the step to come from which one can come to rest right at the end of a way.
+
+    Args:
+        way: At least 0 [m].
+        acceleration: Bound on it, or infinity [m/s²].
+        dt: Duration of a step [s].
+
+    Returns:
+        Speed [m/s]. Whoever walks it finds it fallen by at most ``acceleration`` · ``dt`` in the next step.
+    """
+    total = way / dt  # of the speeds of all steps
     if acceleration == np.inf:
         return total
     most = acceleration * dt
+    # v, v - most, v - 2 most, ... for as many steps as it takes
     steps = max(math.ceil(math.sqrt(0.25 + 2.0 * total / most) - 0.5), 1)
     return total / steps + most * (steps - 1) / 2.0
 

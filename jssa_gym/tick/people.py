@@ -50,7 +50,7 @@ def people_clock(settings, memory, now, readable, e):
 
 @jit
 def _ahead(settings, arm, now, missed):
-    """By how much people are ahead of the scene's time, so many ticks after the last [s]."""
+    """How far people are ahead of the scene's time, so many ticks after the last [s]."""
     gap, due = now - arm["seen"], settings.dt * missed
     # what it falls behind counts until it has caught up; a rounding is nothing
     if abs(due - gap) > 1e-6 * due:

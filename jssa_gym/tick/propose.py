@@ -92,7 +92,7 @@ def _of_kind(choose: Callable[[Kind], Callable]) -> Any:
 
 @jit
 def no_rows(settings, nominal, count, lower, upper, work):
-    """In place of a projection, where there are never any rows."""
+    """What stands in place of a projection where there are never any rows."""
     return True, 0.0
 
 

@@ -22,7 +22,7 @@ _WORD = 8
 
 
 class _PointerType(types.Type):
-    """Of the address of a named tuple's values, word for word."""
+    """The type of the address of a named tuple's values, word for word."""
 
     def __init__(self, layout: types.NamedTuple) -> None:
         self.layout = layout

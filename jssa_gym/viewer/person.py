@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from jssa_gym.humans import Body, HumanMotion, nobody
-from jssa_gym.humans.acceleration import HAND, RUNNER, stopping_speed, towards
+from jssa_gym.humans.acceleration import HAND, RUNNER, towards
 from jssa_gym.humans.body import NAMES
 from jssa_gym.humans.hand import LEFT, RIGHT, Limb
+from jssa_gym.kernels.walkers import stopping_speed
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.validation import positive_number, real_array

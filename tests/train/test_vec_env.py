@@ -11,7 +11,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.shields import Shield
-from jssa_gym.train.config import TrainConfig  # noqa: E402
+from jssa_gym.train.config import TrainConfig
 from jssa_gym.train.vector import ArmVecEnv
 
 MADE = {"human": "pursuit", "terminate_on": ("contact",), "max_episode_steps": 90}
