@@ -24,6 +24,7 @@ from jssa_gym.humans import Given, make_human, nobody
 from jssa_gym.humans.body import PARTS as BODY
 from jssa_gym.kernels.compiled import announce_compilation
 from jssa_gym.kernels.motion import scale_action
+from jssa_gym.kernels.walkers import walking_parts
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.action import checked_action
 from jssa_gym.safety.postures import clearances, nearest
@@ -208,7 +209,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
     ) -> None:
         size = check_arguments(dynamics, terminate_on, observation, render_mode, width, height)
         self.dt = checked_step(dt, dynamics)
-        announce_compilation(move)
+        announce_compilation(move, beside=walking_parts)
         self.planes = planes_of(scene)
         self.task = make_task(task)
         self.robot = make_robot(robot)

@@ -18,15 +18,23 @@ _announced: list[Any] = []
 _cached: set[Any] = set()
 
 
-def announce_compilation(kernel: Any) -> None:
+Parts = Callable[[], Sequence[tuple[Any, tuple[Any, ...]]]]
+"""Makes kernels, each with the types of its arguments, in the order in which they will be needed."""
+
+
+def announce_compilation(kernel: Any, beside: Parts = tuple) -> None:
     """Log that kernels are going to be compiled; silent once they are cached, or while that has been said already.
+
+    A second process starts then, which takes it a second, to help.
 
     Args:
         kernel: What takes longest of all that the caller will need, and is compiled last.
+        beside: What that process may compile at once.
     """
     if config.DISABLE_JIT or _is_cached(kernel) or not all(_is_cached(other) for other in _announced):
         return
     _announced.append(kernel)
+    _have_compiled((), beside)
     if not CACHE_IS_WRITABLE:
         _logger.warning("Compiling kernels; no cache directory is writable, so every start will (up to a minute).")
     elif CACHE_IS_TEMPORARY:
@@ -55,7 +63,7 @@ def _is_cached(kernel: Any) -> bool:
     return True
 
 
-def compile_together(kernel: Any, types: tuple[Any, ...], parts: Callable[[], Sequence[tuple[Any, tuple]]]) -> None:
+def compile_together(kernel: Any, types: tuple[Any, ...], parts: Parts) -> None:
     """Let a second process compile parts of a kernel, into the same cache, while this one goes on.
 
     Not where ``JSSA_GYM_SECOND_COMPILER=0``, a single core, or a cache that cannot be written to says no, nor in
@@ -64,18 +72,23 @@ def compile_together(kernel: Any, types: tuple[Any, ...], parts: Callable[[], Se
     Args:
         kernel: What this process will compile.
         types: Its arguments, as numba types.
-        parts: Makes those of its parts that are worth it, each with the types of its arguments; in the order in which
-            they will be needed.
+        parts: Those of its parts that are worth it.
     """
-    if config.DISABLE_JIT or CACHE_DIRECTORY is None or types in kernel.overloads:
-        return
+    if not config.DISABLE_JIT and types not in kernel.overloads:
+        _have_compiled(((kernel, types),), parts)
+
+
+def _have_compiled(wholes: Sequence[tuple[Any, tuple[Any, ...]]], parts: Parts) -> None:
+    """Have parts compiled by the second process, unless the wholes that they are parts of are cached."""
     try:
-        if kernel._cache.holds(types, kernel.targetctx) or not _can_be_two():
+        if CACHE_DIRECTORY is None or any(kernel._cache.holds(of, kernel.targetctx) for kernel, of in wholes):
+            return
+        if not _can_be_two():
             return
         if not any(other.runs for other in second.running):
             second.running[:] = [second.Second(CACHE_DIRECTORY.parent)]
-        whole, *asked = [(second.full_name(part.py_func), of) for part, of in ((kernel, types), *parts())]
-        second.running[0].ask(whole, asked)
+        named = [[(second.full_name(kernel.py_func), of) for kernel, of in some] for some in (wholes, parts())]
+        second.running[0].ask(*named)
     except Exception:  # it is of no consequence but for time
         _logger.debug("no second process compiles", exc_info=True)
 

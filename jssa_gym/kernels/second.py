@@ -63,11 +63,11 @@ class Second:
         """Whether it can be asked for more."""
         return self._owner == os.getpid() and self._process.poll() is None
 
-    def ask(self, whole: Part, parts: Sequence[Part]) -> None:
-        """Let it compile parts of something, in this order, while this process compiles the whole."""
+    def ask(self, wholes: Sequence[Part], parts: Sequence[Part]) -> None:
+        """Let it compile parts, in this order, while this process compiles the wholes, or what else it has to."""
         new = [part for part in parts if part not in self._numbers]
         numbers = dict(zip(new, range(len(self._numbers), len(self._numbers) + len(new)), strict=True))
-        self._whole.add(whole)
+        self._whole.update(wholes)
         self._numbers |= numbers
         # types repeat themselves: what is asked for has to fit into a pipe that nobody reads yet
         self._write(f"compile {zlib.compress(pickle.dumps(numbers)).hex()}")

@@ -4,12 +4,15 @@ What is random about a walker is a sequence of numbers in [0, 1), drawn from a g
 """
 
 import math
+from typing import Any
 
 import numpy as np
+from numba import typeof, types
 
 from jssa_gym.kernels.jit import jit
 from jssa_gym.kernels.norm import length
 from jssa_gym.kernels.reach import nearest_to_walker
+from jssa_gym.kernels.records import records
 
 STRAIGHT, WANDERS, PASSES, APPROACHES, PURSUES = range(5)
 """Kinds of walkers: at constant velocity; from place to place; past the arm; up to it and back; after it."""
@@ -74,6 +77,13 @@ WITHIN = 1e-9
 
 ARRIVED = 0.1
 """Distance from which a wandering person picks the next place to go to [m]."""
+
+
+def walking_parts() -> list[tuple[Any, tuple[Any, ...]]]:
+    """What steps of people who walk need compiled, with the types of its arguments."""
+    number, row, rows = types.float64, types.Array(types.float64, 1, "C"), types.Array(types.float64, 2, "C")
+    walker = typeof(records(1, WALKER))
+    return [(choose, (walker, number)), (step_walker, (walker, rows, rows, number, rows, rows, row, row))]
 
 
 @jit

@@ -18,6 +18,7 @@ from jssa_gym.envs import ArmEnv
 from jssa_gym.kernels import compiled, second
 from jssa_gym.kernels import jit as compiler
 from jssa_gym.kernels.garbage import SELDOM
+from jssa_gym.kernels.walkers import walking_parts
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS
 from jssa_gym.tick import loop
@@ -53,7 +54,7 @@ while not second.running[0]._has_said("begun", 0) and time.monotonic() < deadlin
 MUCH = """
 for _ in range(4):
     if second.running[0].runs:
-        second.running[0].ask((os.urandom(8).hex(), ()), [(os.urandom(40_000).hex(), ())])
+        second.running[0].ask([(os.urandom(8).hex(), ())], [(os.urandom(40_000).hex(), ())])
 assert not second.running[0].runs, "it is waited for"
 """
 USE = """
@@ -167,8 +168,8 @@ def started(tmp_path, monkeypatch):
         def __init__(self, cache: Path) -> None:
             begun.append(cache)
 
-        def ask(self, whole, parts) -> None:
-            begun.append((whole, parts))
+        def ask(self, wholes, parts) -> None:
+            begun.append((*wholes, parts))
 
         def has_compiled(self, part) -> bool:
             return False
@@ -264,3 +265,11 @@ def test_parts_have_the_types_that_a_control_step_asks_for(name) -> None:
     steps = loop.decide_all._cache._cache_file._load_index()
     alternatives = parts[0][0]._cache._cache_file._load_index()
     assert len({key[0][0] for key in alternatives}) == len({key[0][0] for key in steps}), arms
+
+
+def test_people_who_walk_have_the_types_that_are_compiled_for_them() -> None:
+    env = ArmEnv("home", human="walk_by")
+    env.reset(seed=0)
+    env.step(np.zeros(env.robot.n))
+    for kernel, of in walking_parts():
+        assert list(kernel.overloads) == [of]
