@@ -171,6 +171,7 @@ def test_help_lists_every_name(command, registries, monkeypatch, capsys):
         assert f"{', '.join(names)}." in text
 
 
+@pytest.mark.long
 def test_the_module_runs_as_a_command():
     command = [sys.executable, "-m", "jssa_gym", "evaluate"]
     run = subprocess.run([*command, "--help"], capture_output=True, text=True, check=True)

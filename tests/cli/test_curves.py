@@ -113,6 +113,7 @@ def test_bad_input_is_one_line(arguments, says, tmp_path, here):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_curves_need_no_torch_and_without_a_figure_no_matplotlib(tmp_path):
     run = cli("curves", tmp_path, "--no-figure", before=WITHOUT.format(blocked=("torch", "matplotlib")))
     assert "holds no training" in one_line(run)

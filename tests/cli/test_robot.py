@@ -27,6 +27,7 @@ def folder(tmp_path, arm):
     return write_prepared(examine(arm, Preparation(("all",))), tmp_path / "folder")
 
 
+@pytest.mark.long
 def test_a_file_is_looked_at(here, arm):
     run = here("robot", "check", arm)
     assert run.returncode == 1
@@ -68,6 +69,7 @@ def test_which_group_holds_the_capsules_is_an_option(here, tmp_path):
 
 
 @pytest.mark.gl
+@pytest.mark.long
 def test_it_is_prepared_proved_and_drawn(here, arm, tmp_path):
     out = tmp_path / "out"
     run = here("robot", "check", arm, "--freeze", "all", "--write", out)

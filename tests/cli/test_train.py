@@ -19,6 +19,7 @@ from jssa_gym.policies import load_policy
 from jssa_gym.train import PPO, SAC, TrainConfig, config, preset
 
 
+@pytest.mark.long
 def test_help_is_there_without_torch():
     run = cli("train", "--help", before=WITHOUT.format(blocked=("torch", "stable_baselines3", "matplotlib")))
     assert run.returncode == 0, run.stderr

@@ -100,6 +100,7 @@ def margin_of(arm, motion, ticks, around, work):
 
 
 @pytest.mark.parametrize(("slowest", "quickest"), [(0.5, 2.0), (0.0, 0.02)], ids=["grow", "hardly grow"])
+@pytest.mark.long
 def test_the_margin_is_what_its_formula_says(robot, slowest, quickest):
     """Also of people who hardly grow: then it may be any of the moments at which somebody is nearest."""
     rng, chain, seen, moments = np.random.default_rng(0), chain_of(robot), [], set()
@@ -148,6 +149,7 @@ def seen_without(arm, motion, ticks, around, work):
     return keeps_clear(arm, motion, ticks, beside_people(around), work)[0]
 
 
+@pytest.mark.long
 def test_only_a_wide_margin_says_that_people_need_not_be_looked_at(robot):
     """Between the moments of the margin people come closer: one of a hair is none."""
     rng, seen = np.random.default_rng(2), set()
@@ -260,6 +262,7 @@ def predicted(robot, chain, case):
     return best, least
 
 
+@pytest.mark.long
 def test_predicted_rows_are_those_of_the_quintic(robot):
     rng, chain, rows, quiet = np.random.default_rng(2), chain_of(robot), 0, 0
     for _ in range(40):

@@ -208,6 +208,7 @@ KINDS = ("tapered", "swerving", "both")
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.long
 def test_nobody_who_keeps_the_bounds_touches_a_moving_arm(robot, kind, times):
     """SAFE at the very edge: no sampled motion of both ends touches, those that aim at the arm included."""
     rng, nearest = np.random.default_rng(KINDS.index(kind)), []
@@ -239,6 +240,7 @@ def test_nobody_who_keeps_the_bounds_touches_a_moving_arm(robot, kind, times):
     ],
     ids=["reversed ends", "tapered, no age", "no velocity error", "swerving, no age", "half of it", "no velocity"],
 )
+@pytest.mark.long
 def test_the_oracle_hits_who_was_told_wrong(robot, kind, lie, times):
     """What the sets are made of is needed: who is placed as near as false bounds allow can touch the moving arm."""
     rng, hits = np.random.default_rng(5), 0
@@ -307,6 +309,7 @@ def test_pieces_hold_the_hull_and_not_much_more():
     assert trapped
 
 
+@pytest.mark.long
 def test_a_swerve_lasts_as_long_as_the_worst_one_needs():
     """Against a resting arm: until the first of all that can swerve towards it is there, whenever it was measured."""
     rng, seen = np.random.default_rng(1), 0

@@ -774,6 +774,7 @@ def choosing(robot, state, wanted, stored, tick, people=(), *, clipped, room):
     return (which, why, tuple(where), jerk, work.after, work.next), room
 
 
+@pytest.mark.long
 def test_the_choice_is_the_first_that_is_verified(robot, times):
     """The wanted jerk, or half way to the stored stop's, or that, bit for bit: as asking one by one says.
 
@@ -843,6 +844,7 @@ def softest_of(arm, settings, memory, jerk, end, work):
     return softest(arm, settings, memory, jerk, 0, end, work, 0)
 
 
+@pytest.mark.long
 def test_the_softest_stop_is_the_same_whoever_was_in_the_way_before(robot, times):
     """Which pair is looked at first saves time only: number of the stop and what was in the way of the last one."""
     rng, seen = np.random.default_rng(22), set()

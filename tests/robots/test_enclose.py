@@ -33,6 +33,7 @@ def farthest_out(shape, capsules, rng, count=40):
 
 @SETTINGS
 @given(st.integers(0, 10_000), st.integers(1, 30), st.floats(0.0, 0.05))
+@pytest.mark.long
 def test_nothing_sticks_out(seed, count, ball):
     rng = np.random.default_rng(seed)
     shape = solid(rng.normal(size=(count, 3, 3)) * rng.uniform(0.01, 0.3, 3), ball)

@@ -51,6 +51,7 @@ def prepared(path, tmp_path, wanted=ALL):
 # ---- joints --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_gripper_is_one_list_and_no_riddle(save, tmp_path):
     path = save(gripper())
     arm = examine(path)
@@ -437,6 +438,7 @@ def test_without_a_keyframe_home_is_looked_for_and_clear(save, tmp_path):
     np.testing.assert_allclose(given.home, [0.1, 0.2, 0.3, 0.4])
 
 
+@pytest.mark.long
 def test_a_folder_holds_the_arm_that_was_written_last(save, tmp_path):
     mesh = '<asset><mesh name="cube" vertex="-1 -1 -1  1 -1 -1  -1 1 -1  -1 -1 1" scale=".03 .03 .03"/></asset>'
     cube = '<geom type="mesh" mesh="cube"/>'

@@ -146,6 +146,7 @@ def test_a_model_that_does_not_hold_its_file_is_not_written(save, tmp_path, monk
 
 
 @pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.long
 def test_arms_that_are_prepared_already_go_round(tmp_path, name):
     """Names are unique, and the capsules of an arm that has them stay what they are."""
     first = write_prepared(examine(ROBOTS[name]().mjcf), tmp_path / "first")

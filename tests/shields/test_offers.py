@@ -99,6 +99,7 @@ def test_what_a_filter_would_change_is_not_applied():
     assert seen & {("PROJECTED", "projected"), ("RELAXED", "projected")}
 
 
+@pytest.mark.long
 def test_an_offer_that_is_passed_over_stops_nobody(robot, make_scene):
     """Where the nominal keeps the protective distance and a faster jerk does not, an offer of the latter is nothing."""
     nominal, offer = np.zeros(robot.n), robot.limits.jerk
@@ -345,6 +346,7 @@ def test_an_arm_found_in_motion_stops_as_soon_as_any_stop_is_verified(robot, mak
     assert seen == {True, False}
 
 
+@pytest.mark.long
 def test_what_a_blend_is_verified_by_is_stored(robot):
     """Arms in motion, somebody near: a blend is chosen only with the stop behind it that is verified, or not at all.
 

@@ -497,6 +497,7 @@ PROJECTIONS = {
 
 @pytest.mark.parametrize("gradient", ["exact", "printed"])
 @pytest.mark.parametrize("how", list(PROJECTIONS))
+@pytest.mark.long
 def test_a_projector_that_fails_is_a_fault_that_brakes(robot, random_scene, how, gradient):
     good, bad = JSSAFilter(robot, DT, gradient=gradient), JSSAFilter(robot, DT, gradient=gradient, projector="osqp")
     bad._projector.project = PROJECTIONS[how]

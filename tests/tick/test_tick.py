@@ -230,6 +230,7 @@ print(sum(stats.cache_hits.values()) == kinds and not stats.cache_misses)
 
 
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+@pytest.mark.long
 def test_the_control_step_of_every_kind_of_filter_is_kept_on_disk_for_itself():
     first, second = (
         subprocess.run([sys.executable, "-c", EVERY_KIND], capture_output=True, text=True, check=True).stdout.strip()

@@ -250,6 +250,7 @@ def test_messages_that_are_too_large_end_the_connection_alone(open_page):
         eventually(lambda: page.runner.snapshot.paused)
 
 
+@pytest.mark.long
 def test_no_message_switches_the_shield_of_a_saved_policy_off(open_page):
     page = open_page(Choices(policy="reach-ppo", shields=(ShieldChoice("yield"),)))
     with visitor(page.server.port) as driver:
