@@ -40,13 +40,14 @@ def refuse_vector(env: Any, twin: str) -> None:
 def as_infos(values: Mapping[str, NDArray[Any]], who: Mask) -> Infos:
     """Arrays of shape (E, ...) with a mask beside each of them.
 
-    What those who do not take part have is 0, as in Gymnasium's own vectors.
+    What those who do not take part have is 0, of words None, as in Gymnasium's own vectors.
     """
     infos: Infos = {}
     everybody = who.all()
     for key, value in values.items():
         if not everybody:
-            value = np.where(who.reshape(-1, *(1,) * (value.ndim - 1)), value, np.zeros((), value.dtype))
+            nothing = np.full((), None if value.dtype == object else 0, value.dtype)
+            value = np.where(who.reshape(-1, *(1,) * (value.ndim - 1)), value, nothing)
         infos[key], infos[f"_{key}"] = value, who.copy()
     return infos
 

@@ -52,6 +52,7 @@ class Pair:
         self.vector = gym.make_vec(env_id, count, **options, **arguments)
         self.singles = SyncVectorEnv([single] * count, autoreset_mode=mode)
         self.shielded, self.reasons, self.over = shield is not None, set(), 0
+        self.some = False  # whether episodes have ended while others went on
 
     def reset(self, **options):
         (seen, infos), (alone, told) = (env.reset(**copy.deepcopy(options)) for env in (self.vector, self.singles))
@@ -71,6 +72,7 @@ class Pair:
             self.reasons |= set(infos["shield/reason_code"].tolist())
         over = stepped[2] | stepped[3]
         self.over += int(over.sum())
+        self.some |= bool(over.any() and not over.all())
         if self.mode == AutoresetMode.DISABLED and over.any():
             self.reset(options={"reset_mask": over})
 
@@ -233,6 +235,12 @@ def test_every_control_step_is_as_alone(dt):
 def test_every_ending_is_as_alone(ending):
     pair = Pair(3, "home", human="pursuit", terminate_on=(ending,), limit=300)
     assert pair.play(300).over >= 3
+
+
+def test_who_ends_alone_says_so_in_words_as_alone():
+    pair = Pair(4, "reach", "jssa", human="pursuit", mode=AutoresetMode.SAME_STEP, terminate_on=("contact",), limit=400)
+    pair.play(400)
+    assert pair.some
 
 
 @pytest.mark.slow
