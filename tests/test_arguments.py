@@ -64,6 +64,7 @@ def test_what_is_no_count_is_refused(name, wrong):
         TAKES[name](wrong)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("whole", WHOLE)
 def test_an_evaluation_takes_them_and_writes_them(tmp_path, whole):
     five, one = whole(5), whole(1)

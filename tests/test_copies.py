@@ -95,6 +95,7 @@ def shield(build, layers) -> Shield:
     return Shield(env, build(env.robot, env.dt, **layers))
 
 
+@pytest.mark.sampled(7)
 @copies
 @layers
 @filters
@@ -107,6 +108,7 @@ def test_a_filter_goes_on(build, layers, duplicate) -> None:
         assert found - {Status.NOMINAL}
 
 
+@pytest.mark.sampled(8)
 @layers
 @filters
 def test_a_filter_that_has_decided_goes_on_in_another_shield(build, layers) -> None:
@@ -118,6 +120,7 @@ def test_a_filter_that_has_decided_goes_on_in_another_shield(build, layers) -> N
     assert go_on(other, policy, observation, 60) == expected
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", CONTENDERS)
 def test_a_weakened_shield_goes_on(name) -> None:
     env = shielded(close_by(), name)
@@ -164,6 +167,7 @@ def shared(thing) -> set[tuple[str, str]]:
     }
 
 
+@pytest.mark.sampled(14)
 @layers
 @filters
 def test_no_array_of_a_filter_is_a_view_of_another(build, layers) -> None:
@@ -224,6 +228,7 @@ def test_views_are_found() -> None:
 # ---- environments ------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(7)
 @copies
 @pytest.mark.parametrize("dynamics", ["kinematic", "servo"])
 @pytest.mark.parametrize("task", TASKS)
@@ -249,6 +254,7 @@ def test_people_go_on(human, duplicate) -> None:
     assert shared(env) == set()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.gl
 @copies
 @pytest.mark.parametrize("dynamics", ["kinematic", "servo"])
@@ -318,6 +324,7 @@ WRAPPERS = {
 }
 
 
+@pytest.mark.sampled(5)
 @copies
 @pytest.mark.parametrize("build", WRAPPERS.values(), ids=WRAPPERS)
 def test_a_wrapper_goes_on(build, duplicate) -> None:
@@ -354,6 +361,7 @@ def policies_at_tasks() -> Iterator[tuple[str, str]]:
         yield from ((name, task) for task in (tasks if looks else [tasks[number % len(tasks)]]))
 
 
+@pytest.mark.sampled(6)
 @copies
 @pytest.mark.parametrize(("name", "task"), list(policies_at_tasks()))
 def test_a_policy_goes_on(name, task, duplicate) -> None:

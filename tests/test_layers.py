@@ -135,6 +135,7 @@ def sources() -> list[tuple[str, bool, Path]]:
     return listed
 
 
+@pytest.mark.long
 def test_a_module_imports_only_from_below():
     found = (violations(path.read_text(), module, package) for module, package, path in sources())
     assert [wrong for some in found for wrong in some] == []
@@ -146,6 +147,7 @@ def test_all_layers_of_the_package_were_read():
     assert {"plots", "evaluation", "train", "paper", "certificate", "cli", "exceptions", "headless", "__main__"} <= seen
 
 
+@pytest.mark.long
 def test_no_two_classes_have_one_name():
     classes = [
         node.name

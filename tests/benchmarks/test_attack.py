@@ -28,6 +28,7 @@ def test_the_attack_s_person_begins_where_it_says():
     assert 1.0 <= np.hypot(*start) <= 2.2
 
 
+@pytest.mark.long
 def test_without_the_verified_stop_the_search_finds_a_moving_contact_and_ends():
     found = search("no_verification", generations=6, population=20, steps=400, seed=0)
     assert found[0].breaks

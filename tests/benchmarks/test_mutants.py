@@ -50,6 +50,7 @@ def test_tests_that_were_killed_noticed_nothing(monkeypatch, tmp_path, code, tol
     assert RUN(("tests/one.py", "two"), tmp_path) == (told, "tests/one.py::two" if code == 1 else "")
 
 
+@pytest.mark.long
 def test_tests_that_go_on_for_ever_are_ended_as_such(monkeypatch, tmp_path):
     (tmp_path / "test_endless.py").write_text("def test_endless():\n    while True:\n        pass\n")
     monkeypatch.setitem(RUN.__globals__, "LONGEST", 1)

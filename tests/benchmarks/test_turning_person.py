@@ -53,6 +53,7 @@ def test_who_comes_too_near_scores_worst():
         walker(FOUND._replace(turn=0.4, side=0.0)).reset(np.random.default_rng(0))
 
 
+@pytest.mark.long
 def test_what_comes_out_beside_the_person_found():
     found = BENCH["outcome"](FOUND)
     assert BENCH["error"](found) < 19.0

@@ -71,6 +71,7 @@ def mine(tmp_path, monkeypatch):
 # ---- stored ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_what_is_stored_makes_the_tables_of_the_folders(folders, board):
     kept, asked, digest = read_board(board)
     assert [one["tasks"] for one in asked] == [["home"], ["reach"]]

@@ -77,6 +77,7 @@ def test_demo_films_and_prints_json(tmp_path, here):
             assert ((red > 120) & (green > 80) & (blue < green / 2)).mean() > 0.005
 
 
+@pytest.mark.sampled(11)
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [

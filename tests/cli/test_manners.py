@@ -192,6 +192,7 @@ def test_a_policys_demo_tells_success_and_shows_something(here, tmp_path, monkey
     assert {seed for seed, _ in asked} == {7}
 
 
+@pytest.mark.long
 def test_the_papers_scene_has_no_goal(here, tmp_path):
     pytest.importorskip("matplotlib")
     run = here("demo", "--no-video", "--seconds", "0.2", "--out", tmp_path / "out")

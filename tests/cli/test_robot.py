@@ -80,6 +80,7 @@ def test_it_is_prepared_proved_and_drawn(here, arm, tmp_path):
     assert (out / "robot.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_certify_goes_over_the_written_model(here, arm, tmp_path, monkeypatch):
     begun = []
     monkeypatch.setattr("jssa_gym.cli.robot.Certify.run", lambda self: begun.append((self.robot, self.out)))
@@ -88,6 +89,7 @@ def test_certify_goes_over_the_written_model(here, arm, tmp_path, monkeypatch):
     assert begun == [(str(out), out / "certificate")]
 
 
+@pytest.mark.long
 def test_nothing_is_written_before_all_is_decided(here, arm, tmp_path):
     run = here("robot", "check", arm, "--write", tmp_path / "out")
     assert run.returncode == 1
@@ -121,6 +123,7 @@ def test_names_are_listed(here):
     assert "ur5e" in line
 
 
+@pytest.mark.long
 def test_a_proof_is_refused_where_capsules_do_not_hold_what_is_drawn(tmp_path, folder, arm):
     """Thinner capsules in the written file keep it from being read, and in a model from being proved."""
     examined, robot = examine(arm, Preparation(("all",))), make_robot(folder)
@@ -173,6 +176,7 @@ def test_bench_times_another_arm(here):
     assert json.loads(run.stdout)["timings"]
 
 
+@pytest.mark.long
 def test_what_was_begun_with_the_paper_s_arm_is_the_same_as_ever(folder, tmp_path):
     names = (("home",), ("none",), ("none",), ("hold",))
     assert "robot" not in Study(*names).config()
@@ -190,6 +194,7 @@ def test_what_was_begun_with_the_paper_s_arm_is_the_same_as_ever(folder, tmp_pat
         Campaign(PRESETS["quick"], robot="ur3")
 
 
+@pytest.mark.long
 def test_training_commands_of_the_tool_need_a_name(folder):
     with pytest.raises(ParameterError, match="control='tip' needs one of the package's robots"):
         TrainConfig(robot=str(folder), control="tip")

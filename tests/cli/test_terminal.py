@@ -197,6 +197,7 @@ def test_the_names_of_a_robots_parts_are_shown_and_stay_in_the_folder(toy_mjcf, 
     assert {path.name for path in tmp_path.iterdir()} == {"toy.xml", "toy.limits.toml", "deep"}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["evaluate", "compare", "stress"])
 def test_names_that_a_user_has_registered_are_shown(tmp_path, monkeypatch, here, name):
     bad = "[/red]\x1b[31m"
@@ -219,6 +220,7 @@ def test_names_that_a_user_has_registered_are_shown(tmp_path, monkeypatch, here,
     assert all(path.name.isprintable() for path in (tmp_path / "[bold]out\x1b").rglob("*"))
 
 
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize(
     "words",
     [

@@ -44,6 +44,7 @@ def reachable(limits, distance, ticks):
     return found.success
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("distance", [1e-5, 1e-3, 0.02, 0.1, 0.4, 1.0])
 def test_no_move_on_the_grid_is_much_shorter(robot, distance):
     limits = robot.limits

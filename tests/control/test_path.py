@@ -107,6 +107,7 @@ margins = st.lists(
 )
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=60)
 @given(margins, st.sampled_from(PLANS), st.booleans(), st.integers(0, 2**32 - 1))
 def test_limits_are_kept_and_the_path_too_whatever_the_margin_and_the_choice(parts, plan, schedule, seed) -> None:

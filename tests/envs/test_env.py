@@ -97,6 +97,7 @@ def test_gymnasium_finds_nothing_in_the_shielded_ids(name):
         check_env(gym.make(name), skip_render_check=True)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.gl
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasium_finds_nothing_when_it_draws_either(monkeypatch, name):
@@ -240,6 +241,7 @@ def elsewhere():
     return dict(zip(FINGERPRINTED, run.stdout.split(), strict=True))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", FINGERPRINTED)
 def test_a_seed_fixes_every_bit_in_another_process_too(name, elsewhere):
     here = fingerprint(name, 5, 300)
@@ -362,6 +364,7 @@ def expected_observation(env, state, goal):
     }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("task", list(TASKS))
 @pytest.mark.parametrize("human", ["random", ("approach_retreat", "random")])
 def test_observation_is_what_its_table_says(task, human):

@@ -41,6 +41,7 @@ def test_a_reset_tells_what_a_step_tells(task, dynamics):
     assert any(infos[1][key] != 0.0 for key in terms)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("sensor", [None, "long dropouts", "all that is reported"])
 @pytest.mark.parametrize("task", TASKS)
 def test_a_shield_adds_the_same_keys_to_both(task, sensor):

@@ -64,6 +64,7 @@ def test_without_faults_the_truth_is_delivered():
         assert scene.human.names == Stage.names
 
 
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("name", FAULTS)
 def test_the_same_seed_gives_the_same_bits(name):
     first, again, other = (watch(name, 120, seed)[0] for seed in (5, 5, 6))
@@ -93,6 +94,7 @@ def test_a_seed_given_to_the_environment_alone_counts():
     np.testing.assert_array_equal(*shown)
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("name", FAULTS)
 def test_the_truth_stays_as_it_is(name):
     make = lambda: gym.make("jssa_gym/Reach-v0", terminate_on=())  # noqa: E731
@@ -148,6 +150,7 @@ def test_one_tick_has_one_scene(name):
 # ---- ages are honest ----------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", REPORTED)
 def test_what_is_delivered_was_true_when_the_age_says(name):
     faults = FAULTS[name]
@@ -383,6 +386,7 @@ def test_joints_that_freeze_are_read_again_while_people_go_on():
         np.testing.assert_array_equal(ends_of(scene.human), ends_of(truth.human))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", GLITCHES)
 def test_a_glitch_reads_what_its_kind_says_and_ends(kind, robot):
     limits, faults = robot.limits, SensorFaults(joint_glitch=0.1, joint_glitch_kind=kind, joint_glitch_size=0.5)
@@ -454,6 +458,7 @@ def test_a_stale_scene_is_the_same_object():
     )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", JOINTS)
 def test_faults_of_the_joints_come_from_the_seed_and_begin_after_the_reset(name):
     first, again, other = (joints(felt(name, 100, seed)[0]) for seed in (5, 5, 6))
@@ -496,6 +501,7 @@ def test_missed_ticks_below_stay_missed():
 # ---- around an arm, under a shield --------------------------------------------------------------------
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", FAULTS)
 @pytest.mark.parametrize("failsafe", [False, True])
 def test_a_shield_lives_with_every_fault(name, failsafe):
@@ -522,6 +528,7 @@ def test_a_shield_lives_with_every_fault(name, failsafe):
         assert seen == {Status.FAULT} if never else Status.NOMINAL in seen
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", JOINTS)
 def test_a_shield_notices_every_wrong_joint_state_and_stays_inside_the_limits(name):
     sensor = SensorModel(gym.make("jssa_gym/Home-v0", human="walk_by", terminate_on=()), name)

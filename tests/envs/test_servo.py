@@ -64,6 +64,7 @@ def test_the_residual_is_what_the_guarantees_state(robot, human, policy, seed):
     assert tracking_error_metres(robot, errors) < 12e-3
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("human", "policy", "seed"), [("hand", "bang_bang", 1), ("pursuit", "jpc", 0), ("pursuit", "bang_bang", 0)]
 )

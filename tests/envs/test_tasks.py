@@ -301,6 +301,7 @@ def tip_of(position):
     return ref.point(CHAIN, position, 5, (0.16, 0.0, 0.0)) + np.array([0.0, 0.0, TABLE])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("human", ["receive", "hand", "random", ("none", "receive", "random")])
 def test_the_goal_is_at_the_hand_in_every_step(human):
     env = ArmEnv("handover", human=human, terminate_on=())

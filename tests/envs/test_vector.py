@@ -99,12 +99,14 @@ def combinations():
                 yield pytest.param(task, human, MODES[(i + j) // 2 % len(MODES)], marks=marks)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("task", "human", "mode"), list(combinations()))
 def test_every_task_beside_everybody_is_as_alone(task, human, mode):
     pair = Pair(4, task, human=human, mode=mode).play(200)
     assert pair.over >= 8
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("human", ["random", "walk_by", "hand", pytest.param(Pursuit(feint=True), id="feint")])
 def test_long_episodes_draw_what_single_ones_draw(human):
     # and episodes behind them: nothing that was drawn is lost or used twice
@@ -143,6 +145,7 @@ CROWDS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("crowd", CROWDS)
 @pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.DISABLED])
 def test_crowds_are_as_alone(crowd, mode):
@@ -159,6 +162,7 @@ RECORDED = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("how", RECORDED)
 def test_recordings_are_as_alone(how):
     human = Recorded(**({"recording": recording()} | RECORDED[how]))
@@ -194,6 +198,7 @@ def test_a_recording_is_there_once_for_all_arms():
 FILTERED = [*FILTERS, *PROFILES, "shielded", "jssa+stop", {}, {"lambda1": 3.0, "lambda2": 1.0}]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("number", range(len(FILTERED)), ids=[str(name) for name in FILTERED])
 def test_every_filter_decides_as_alone(number):
     shield, mode = FILTERED[number], MODES[number % 3]
@@ -237,6 +242,7 @@ def test_every_ending_is_as_alone(ending):
     assert pair.play(300).over >= 3
 
 
+@pytest.mark.long
 def test_who_ends_alone_says_so_in_words_as_alone():
     pair = Pair(4, "reach", "jssa", human="pursuit", mode=AutoresetMode.SAME_STEP, terminate_on=("contact",), limit=400)
     pair.play(400)

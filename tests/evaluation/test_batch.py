@@ -75,6 +75,7 @@ def never_alone(monkeypatch):
 # ---- the same ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("task", "name", "human", "policy", "steps"), CELLS)
 def test_recordings_are_those_of_single_episodes(task, name, human, policy, steps):
     plan = study(task, name, human, policy, steps)
@@ -102,6 +103,7 @@ def test_recordings_are_those_of_single_episodes(task, name, human, policy, step
         assert touched
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("fault", [name for name in (*REPORTED, *JOINTS, "swapped identities") if name != NO_SENSOR])
 def test_what_sensors_show_is_what_single_ones_show(fault, never_alone):
     # those of the joints one by one, the others in arrays
@@ -195,6 +197,7 @@ SINGULAR = {
 }
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("what", SINGULAR)
 def test_what_is_asked_in_python_is_asked_one_by_one(what):
     assert vector_like(SINGULAR[what](), 4) is None

@@ -335,6 +335,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_missing_guard_shows_and_the_whole_shield_stands_the_same_episode(name):
     def first_broken(shield, seeds):

@@ -191,6 +191,7 @@ def test_filters_meet_the_same_people(finished):
         np.testing.assert_array_equal(first.nominal[0], second.nominal[0])
 
 
+@pytest.mark.long
 def test_the_shield_shows_in_the_numbers(finished):
     _, reports = finished
     for report in reports:
@@ -278,6 +279,7 @@ def test_policies_in_all_their_forms():
         make_policy(3, env, 0)
 
 
+@pytest.mark.long
 def test_a_model_of_stable_baselines_is_a_policy():
     library = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
     model = library.PPO("MlpPolicy", picklable.environment(), n_steps=8, batch_size=8, seed=0, device="cpu")

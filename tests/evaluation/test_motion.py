@@ -154,6 +154,7 @@ def report(episode, name, times, task="reach", **changes) -> Report:
     return Report.of(rows)
 
 
+@pytest.mark.long
 @settings(max_examples=30)
 @given(st.lists(st.tuples(*2 * [st.none() | st.integers(1, 40).map(float)]), min_size=1, max_size=6))
 def test_times_are_compared_goal_by_goal_with_no_filter(episode, times):

@@ -113,6 +113,7 @@ def recorded(robot) -> Trace:
     return trace
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("human", "holds", "seed"),
     [

@@ -487,6 +487,7 @@ def test_kept_answers_stay_as_they_are_and_others_are_used_again():
         kept[0].position = kept[1].position
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("measured", [False, True])
 def test_nothing_is_allocated_for_good(measured):
     grown, peak = allocated(2000, measured)

@@ -91,6 +91,7 @@ def test_everybody_whose_velocity_may_change_has_a_bound():
             assert 10.0 <= motion.acceleration <= 50.0 if moves_a_hand else 1.5 <= motion.acceleration <= 5.0
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("dt", [0.002, DT, 0.05])
 @pytest.mark.parametrize("acceleration", [0.7, 3.0, 30.0, "default"])
 @pytest.mark.parametrize("name", BOUNDED)

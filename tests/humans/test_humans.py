@@ -93,6 +93,7 @@ def velocities(seen):
 # ---- what every motion promises -----------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 def test_a_capsule_will_be_where_its_velocity_says(name):
     for seed in range(5):
         seen = walk(HUMANS[name](), seed)
@@ -194,6 +195,7 @@ def test_the_body_is_the_published_one(name):
                 assert np.linalg.norm(ours - root) == pytest.approx(np.linalg.norm(theirs), abs=1e-12)
 
 
+@pytest.mark.sampled(3)
 def test_a_seed_fixes_a_motion_whatever_came_before(name):
     used = HUMANS[name]()
     walk(used, 99, steps=77)
@@ -222,6 +224,7 @@ def test_persons_are_numbered_from_where_they_are_told(name):
     assert motion.step(DT, nobody()).person.tolist() == [4] * 6 * motion.people
 
 
+@pytest.mark.sampled(3)
 def test_a_start_is_where_the_person_begins(somebody):
     motion = HUMANS[somebody]()
     start = np.array([1.3, 0.4])
@@ -232,6 +235,7 @@ def test_a_start_is_where_the_person_begins(somebody):
     np.testing.assert_array_equal(start, [1.3, 0.4])
 
 
+@pytest.mark.sampled(17)
 @pytest.mark.parametrize("start", [(0.0, 0.0), (0.4, 0.4), (-1.0, 0.0), (0.0, 0.61), (0.7, 0.0), (np.nan, 0.0)])
 def test_wherever_a_person_may_start_the_distance_is_kept(somebody, start):
     motion = HUMANS[somebody]()
@@ -338,6 +342,7 @@ def test_approach_retreat_approaches_stops_and_retreats():
     assert speeds[-1] == 0.0
 
 
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("speed", [0.3, 0.37, 0.8, 1.3, 1.6])
 @pytest.mark.parametrize("dt", [0.008, 0.05])
 @pytest.mark.parametrize("acceleration", [None, 3.0, 1.0])
@@ -429,6 +434,7 @@ def test_walk_by_passes_in_the_workspace_and_changes_its_pace():
     assert set(sides) >= {-1.0, 1.0}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "options", [{}, {"acceleration": None}, {"acceleration": 2.0}, {"feint": True}, {"speed": 0.8}], ids=str
 )

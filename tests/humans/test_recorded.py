@@ -269,6 +269,7 @@ def test_what_comes_afterwards():
     assert at("loop", 3.8, there_and_back) == pytest.approx(1.6, abs=1e-9)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("afterwards", ["hold", "loop", "back_and_forth"])
 def test_no_seam_is_faster_than_the_bound(afterwards):
     motion = Recorded(dataclasses.replace(Recording.load(REACH_AND_RETREAT)), afterwards=afterwards)

@@ -517,6 +517,7 @@ def test_row_of_an_end_pair_is_the_true_gradient(times):
         assert np.max(np.abs(L - expected)) <= 1e-6 * np.max(np.abs(expected))
 
 
+@pytest.mark.long
 def test_row_of_a_sliding_pair_is_the_gradient_to_order_tau(times):
     """Closest points inside an axis slide with the jerk, too, and the row leaves out how far.
 

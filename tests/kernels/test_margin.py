@@ -131,6 +131,7 @@ def test_the_margin_is_what_its_formula_says(robot, slowest, quickest):
     assert slowest > 0.0 or len(moments) > 2
 
 
+@pytest.mark.long
 def test_the_margin_is_infinite_where_nothing_moves_and_where_nobody_is(robot):
     rng = np.random.default_rng(1)
     for people, moves in ((2, False), (0, True)):
@@ -176,6 +177,7 @@ def hall():
     return faces, np.array([0, 5])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("watched", [False, True], ids=["people", "region"])
 def test_who_is_not_looked_at_again_for_a_wide_margin_would_not_have_been_met(robot, watched):
     """Whatever is left of the gaps, however people grow: of those that are met some have a margin, one too narrow.
@@ -285,6 +287,7 @@ def test_predicted_rows_are_those_of_the_quintic(robot):
     assert quiet > 3
 
 
+@pytest.mark.long
 def test_who_passes_by_asks_for_nothing_and_who_comes_closer_does(robot):
     """The index would answer to both: both come nearer as fast."""
     case = random_case(robot, np.random.default_rng(3), people=1, moves=False)

@@ -350,6 +350,7 @@ def test_a_straight_swerve_is_exact():
         assert 0.9 - error == pytest.approx((speed + off) * lasts + a * lasts**2 / 2.0, rel=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("steady", [UNCONFIRMED, SWERVED])
 def test_only_who_has_kept_the_bound_is_granted_it(robot, steady):
     rng, more = np.random.default_rng(9), 0

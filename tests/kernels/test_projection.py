@@ -81,6 +81,7 @@ def test_one_row_equals_enumeration(times):
 small = st.integers(-2, 2).map(float)
 
 
+@pytest.mark.long
 @FIXED
 @given(
     st.integers(1, 3).flatmap(
@@ -277,6 +278,7 @@ def least_of_others(L, S, least, decide, lower, upper):
     return best.fun
 
 
+@pytest.mark.long
 def test_rows_that_do_not_decide_are_violated_least_too(times):
     """Beside rows in conflict, the others do with the least that those leave them; a doubled row is no other row.
 

@@ -306,6 +306,7 @@ def fastest_approach(case):
     return (levers(motion.robot) @ np.abs(speeds).max(axis=0)).max() + case.speed.max(initial=0.0)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_verdicts_agree_with_the_sampled_motion(robot, kind, times):
     """SAFE: no sample at 4 kHz touches. Not SAFE: one is closer than half a millisecond's way. Most are close."""
@@ -328,6 +329,7 @@ def test_verdicts_agree_with_the_sampled_motion(robot, kind, times):
     assert unsafe > 5 * times
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", ["people", "touched", "confined"])
 def test_who_is_surely_met_is_met(robot, kind, times):
     """Whatever is left of the gap, none or a hair: a stop that is said to meet somebody for sure is never SAFE.
@@ -356,6 +358,7 @@ def test_who_is_surely_met_is_met(robot, kind, times):
     assert found > refused / 3 if kind == "people" else found == 0
 
 
+@pytest.mark.long
 def test_a_touch_is_let_pass_only_below_its_speed(robot, times):
     """Soundness of the contact speed: whenever SAFE, the surface is slower from the first touch on."""
     rng = np.random.default_rng(7)
@@ -425,6 +428,7 @@ def test_a_single_joint_that_swings_the_arm_at_itself_is_seen(robot, joint):
     assert found >= 3
 
 
+@pytest.mark.long
 def test_an_arm_under_way_to_several_things_is_stopped_by_the_first(robot):
     """With everything in the scene the verdict is that of the thing that is met first, and SAFE only if all are."""
     rng = np.random.default_rng(12)

@@ -100,6 +100,7 @@ def test_fig_6_comes_out_but_for_the_size_of_the_jerk(avoidance):
 # ---- Table 1 -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_all_trends_of_table_1_come_out_as_published_and_with_the_exact_row(corners):
     found = claims.sensitivity_claims(corners)
     for shield in (PUBLISHED, EXACT):
@@ -320,6 +321,7 @@ def test_reproduce_refuses_what_it_cannot_do(arguments, reason, tmp_path, monkey
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("part", ["portraits", "shifts", "sensitivity", "handovers"])
 def test_the_figures_have_their_panels(part):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")

@@ -165,6 +165,7 @@ def test_every_protocol_of_pickles_is_read(statistics, tmp_path, protocol):
     np.testing.assert_array_equal(read_normalisation(tmp_path / "v.pkl").mean, venv.obs_rms.mean)
 
 
+@pytest.mark.long
 def test_a_policy_gets_what_it_got_in_training(statistics, tmp_path):
     venv, path = statistics
     model = model_of(reach())

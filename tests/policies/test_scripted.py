@@ -119,6 +119,7 @@ def paths(tips):
 
 @pytest.mark.parametrize("name", POLICIES)
 class TestEveryPolicy:
+    @pytest.mark.sampled(3)
     def test_its_actions_are_finite_within_bounds_and_its_own(self, name):
         for human in ("random", "none"):
             actions, *_ = unshielded(lambda env: POLICIES[name](env, 0), human=human)

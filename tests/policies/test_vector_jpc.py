@@ -88,6 +88,7 @@ def combinations() -> Iterator:
             yield pytest.param(task, shield, marks=() if (i + j) % 2 == 0 else pytest.mark.slow)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("task", "shield"), list(combinations()))
 def test_many_do_what_each_does_by_itself(task, shield) -> None:
     both = Both(task, shield)
@@ -139,6 +140,7 @@ def test_waypoints_that_were_met_before_somebody_pushes_are_counted(yielding) ->
     assert yielding or Phase.SETTLING in both.phases
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "options",
     [

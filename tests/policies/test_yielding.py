@@ -37,6 +37,7 @@ def test_the_paper_s_controller_has_a_name_of_its_own() -> None:
         JPCPolicy(env, 0, yielding="no")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("task", "human"), [("home", "none"), ("reach", "none"), ("track", "none"), ("handover", "receive")]
 )

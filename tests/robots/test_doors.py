@@ -80,6 +80,7 @@ def test_a_urdf_with_capsules_is_a_robot_as_it_is(tmp_path):
     World(robot, "table").close()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("parts", "words"),
     [

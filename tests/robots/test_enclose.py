@@ -72,6 +72,7 @@ def bracket():
     )
 
 
+@pytest.mark.long
 def test_a_bracket_gets_two_that_are_slimmer(monkeypatch):
     shape, rng = bracket(), np.random.default_rng(0)
     one = around(shape)

@@ -40,6 +40,7 @@ def archive(tmp_path, monkeypatch):
     return served / robot.asset
 
 
+@pytest.mark.long
 def test_an_arm_by_name_is_downloaded_prepared_and_kept(archive, tmp_path, monkeypatch):
     robot = make_robot("iiwa14")
     assert robot.name == "iiwa14"

@@ -90,6 +90,7 @@ def test_the_reader_of_models_says_everything_at_once_too(save):
         assert text in str(error.value)
 
 
+@pytest.mark.long
 def test_fingers_are_held_wherever_they_slide(save, tmp_path):
     """Wide open they reach 0.04 m further out than where they are frozen."""
     arm, robot = prepared(save(gripper()), tmp_path)
@@ -151,6 +152,7 @@ def test_the_longest_by_far_is_taken_and_said(save):
     assert any("body 'left 0' is taken for the arm: 5 hinges follow it, at most 2" in t for t in messages(arm, False))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("after", "text"),
     [
@@ -200,6 +202,7 @@ def test_several_hinges_of_one_body(save, tmp_path):
     assert kinematic_error(arm, robot) < 1e-12
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("wanted", "text"),
     [
@@ -252,6 +255,7 @@ def test_what_ships_is_acceptable_as_it_is(name):
     assert arm.limits.source
 
 
+@pytest.mark.long
 def test_a_file_is_acceptable_if_the_reader_of_models_takes_it(save):
     """But for its limits, which are no part of it."""
     flange = '<geom name="flange" type="box" group="2" size=".02 .02 .02"/>'
@@ -352,6 +356,7 @@ def test_the_live_page_promises_nothing_of_uncovered_links(save, tmp_path):
     session.close()
 
 
+@pytest.mark.long
 def test_capsules_that_always_overlap_are_no_self_collision(save, tmp_path):
     """A wrist of short links: two apart they overlap in every posture, and the arm would stand still for good."""
     ball = '<geom type="sphere" size=".06"/>'
@@ -409,6 +414,7 @@ def test_an_arm_that_stands_aside_is_moved_and_that_is_said(save, tmp_path):
     assert kinematic_error(arm, robot) < 1e-12
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("xml", "text"),
     [
@@ -594,6 +600,7 @@ def test_a_file_that_is_not_there(tmp_path):
 # ---- servo ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("base", ["", '<geom name="stand" type="box" size=".05 .05 .1" pos="0 0 .1"/>'])
 def test_servo_follows_though_what_is_drawn_overlaps(save, tmp_path, base):
     _, robot = prepared(save(gripper(base=base)), tmp_path)

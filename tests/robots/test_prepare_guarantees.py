@@ -82,6 +82,7 @@ SMALL = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SMALL)
 def test_what_the_check_accepts_the_reader_takes(save, name):
     xml, sound = SMALL[name]
@@ -93,6 +94,7 @@ def test_what_the_check_accepts_the_reader_takes(save, name):
         make_robot(path)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [name for name, (_, sound) in SMALL.items() if not sound and name != "degrees"])
 def test_what_is_written_holds_all_that_the_file_draws(save, tmp_path, name):
     """By corners of the file's own boxes, in every group, in the frame of the link that MuJoCo has moved."""
@@ -217,6 +219,7 @@ def test_one_joint_of_another_unit_is_asked_about(save, xml, limits, text):
     assert examine(path, Preparation(units_checked=True)).obstacles == ()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("scale", "asked"), [(0.2, True), (0.5, False), (5.0, False), (12.0, True)])
 def test_arms_of_centimetres_and_cranes_are_asked_about(save, scale, asked):
     told = messages(examine(save(chain(3, scale=scale)), ALL))
@@ -298,6 +301,7 @@ def test_a_urdf_that_is_not_there_is_called_one():
         make_robot("arm.urdf")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("uri", ["file://meshes/beam.stl", "file:///meshes/beam.stl", "meshes/beam.stl"])
 def test_meshes_beside_the_file(tmp_path, uri):
     path = urdf(tmp_path, visual=uri)
@@ -306,6 +310,7 @@ def test_meshes_beside_the_file(tmp_path, uri):
     assert examine(moved).obstacles == ()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("uri", ["beam.stl", "elsewhere/beam.stl", "package://gone/beam.stl"])
 def test_the_urdf_s_own_folder_of_meshes(tmp_path, uri):
     path = urdf(tmp_path, visual=uri)

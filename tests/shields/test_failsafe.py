@@ -175,6 +175,7 @@ class Teleporting:
 # ---- what it promises ----------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("policy", ["random", "bang-bang", "limit-seeking"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_limits_stops_and_touches_whatever_anybody_does(robot, make_scene, kind, policy, times):
@@ -266,6 +267,7 @@ def test_without_the_verified_stop_the_same_people_are_hit(robot, make_scene):
     assert hit > 0.2
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("seed", range(4))
 def test_what_is_rejected_for_good_rests_within_the_stop_and_stays(robot, make_scene, kind, seed):
@@ -395,6 +397,7 @@ def assert_stored_stop_goes_on(arm, decide, word, ticks):
         assert arm.at_rest() or k + 1 < length
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("ticks", [1, 3, 50])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_ends_in_the_stored_stop_and_what_follows_is_not_lost(robot, make_scene, kind, ticks):
@@ -552,6 +555,7 @@ GARBAGE = {
 }
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("how", GARBAGE)
 def test_an_osqp_that_answers_garbage_hurts_nobody(robot, make_scene, how, caplog):
     rng = np.random.default_rng(3)
@@ -619,6 +623,7 @@ def elsewhere(arm, how):
         arm.state[1, 2] += 1e-4
 
 
+@pytest.mark.sampled(30)
 @pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("how", ["last jerk held", "zero jerk", "teleported", "a little"])
 def test_an_arm_that_is_elsewhere_is_stopped_from_where_it_must_be(robot, make_scene, kind, how, caplog):
@@ -718,6 +723,7 @@ def test_a_frozen_and_a_jumping_person_are_faults_in_the_end(robot, make_scene):
     assert "jumped" in reasons[-1].reason
 
 
+@pytest.mark.sampled(29)
 @pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("seed", range(5))
 def test_a_person_spawned_inside_a_moving_arm_finds_it_at_rest_soon(robot, make_scene, kind, seed):

@@ -222,6 +222,7 @@ def test_cbf_row_is_the_third_derivative_along_the_motion_under_the_jerk(robot, 
     assert met >= 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("V", [None, HEAVY], ids=["plain", "weighted"])
 def test_sss_asks_only_where_the_index_is_above_0(robot, random_scene, V):
     params, seen = SSSParams(c=3.0), set()
@@ -325,6 +326,7 @@ def ends_along_the_stop(robot, scene: Scene, jerk):
     return np.array(path), ticks * DT
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(3))
 def test_ssm_nobody_farther_than_the_protective_distance_meets_the_moving_arm(robot, random_scene, seed):
     """Brute force: the stop rolled out, the person straight on at full speed, at every tick."""
@@ -497,6 +499,7 @@ def unshielded():
     return fig5(0.8, name=None)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", AVOIDING)
 def test_the_arm_gives_way_in_the_papers_scene(unshielded, name):
     assert unshielded.contact.any()
@@ -536,6 +539,7 @@ def test_who_stops_in_time_is_at_rest_at_every_contact(name):
     assert hits(name) < 1e-3
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", list(FILTERS))
 def test_runs_repeat_bit_for_bit(name):
     one, two = (fig5(1.6, name=name, steps=250) for _ in range(2))
@@ -543,6 +547,7 @@ def test_runs_repeat_bit_for_bit(name):
         np.testing.assert_array_equal(getattr(one, values), getattr(two, values))
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("name", list(FILTERS))
 def test_reset_begins_anew(name):
     """The second episode of a used filter is that of a new one."""
@@ -554,6 +559,7 @@ def test_reset_begins_anew(name):
     np.testing.assert_array_equal(first.status, second.status)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", list(FILTERS))
 def test_an_arm_of_three_joints_a_crowd_and_static_agents(toy_robot, make_scene, name):
     rng, seen = np.random.default_rng(0), set()

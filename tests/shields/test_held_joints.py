@@ -38,6 +38,7 @@ def test_only_the_joint_under_the_base_column_stays(kind, robot, make_scene):
     assert shield.decide(alone, nominal).status == Status.NOMINAL
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [JSSAFilter, NoFilter])
 def test_what_is_applied_is_verified(kind, robot, make_scene):
     shield = kind(robot, DT, viability=True, failsafe=FailsafeParams())

@@ -303,6 +303,7 @@ def test_the_share_of_the_room(room, share):
     assert share_of(room) == pytest.approx(share, abs=1e-15)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 def test_an_alternative_has_a_verified_soft_stop_behind_it(seed):

@@ -424,6 +424,7 @@ def test_read_only_and_single_precision_scenes_are_decided_alike(filter, make_sc
     assert filter.decide(single, 0.5 * JERK).status == expected.status
 
 
+@pytest.mark.sampled(3)
 def test_decisions_have_no_memory_of_the_size_of_the_crowd(filter, robot, random_scene):
     rng, seen = np.random.default_rng(6), set()
     fresh = type(filter) if isinstance(filter, NoFilter) else lambda *_: copy.deepcopy(untouched)
@@ -641,6 +642,7 @@ def test_an_action_outside_the_box_is_clipped_when_nobody_is_near(filter, make_s
     np.testing.assert_array_equal(decision.jerk, filter.robot.limits.jerk)
 
 
+@pytest.mark.long
 def test_closest_rows_keep_the_closest_pair(robot, random_scene):
     chosen = JSSAFilter(robot, DT, rows="closest")
     everything = JSSAFilter(robot, DT)
@@ -833,6 +835,7 @@ SABOTAGE = {
 }
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("how", list(SABOTAGE))
 def test_a_sabotaged_solver_is_still_safe(robot, random_scene, how):
     exact, osqp = JSSAFilter(robot, DT), JSSAFilter(robot, DT, projector="osqp")
@@ -870,6 +873,7 @@ def test_a_solver_that_crosses_a_row_slightly_is_not_believed(robot):
     assert answer.jerk[0] >= 10.0 - 1e-12
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", list(PROJECTORS))
 @pytest.mark.parametrize("kind", ["identity", "diagonal", "full"])
 def test_projectors_solve_random_problems(name, kind):
@@ -1008,6 +1012,7 @@ def test_an_action_that_another_thread_changes_is_the_one_that_was_checked():
         assert not np.any(info["jerk"])
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", FILTERS)
 @pytest.mark.parametrize("stop", [False, True])
 def test_the_jerk_that_is_decided_is_the_jerk_that_is_integrated_to_the_bit(name, stop):
@@ -1524,6 +1529,7 @@ def hold(env, steps=1000):
     return seen
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("speed", [0.4, 0.8])
 @pytest.mark.parametrize(
     "options",

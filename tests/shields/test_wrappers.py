@@ -114,6 +114,7 @@ def drive(env, ticks=40) -> np.ndarray:
     return np.array(bottom.jerks)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.gl if name in DRAWN else ()) for name in MADE if MADE[name]]
 )

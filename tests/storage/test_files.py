@@ -145,6 +145,7 @@ def test_names_of_unfinished_files_cannot_be_taken_beforehand(tmp_path, monkeypa
     assert len(seen) == 21
 
 
+@pytest.mark.long
 def test_every_writer_of_the_package_goes_through_storage():
     """No other module opens a file to write into it; archives open their members."""
     allowed = {"storage/files.py", "storage/archives.py"}
@@ -228,6 +229,7 @@ def test_appended_all_or_nothing(tmp_path):
     assert path.read_bytes() == b"one\ntwo\n"
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("full_after", "arguments", "name"),
     [
@@ -342,6 +344,7 @@ def put(tmp_path, toy_mjcf, name):
     return path
 
 
+@pytest.mark.sampled(38)
 @pytest.mark.parametrize("content", CONTENTS)
 @pytest.mark.parametrize("name", READERS)
 def test_what_is_no_such_file_is_a_typed_error_that_names_it(tmp_path, toy_mjcf, name, content):

@@ -150,6 +150,7 @@ HURTS = [
 """What hurts somebody within a few episodes, or drives the arm over a limit, where it is believed."""
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("what", HURTS)
 def test_a_shield_without_a_monitor_is_led_astray(what, monkeypatch, caplog):
     """The power of the test above: a shield that believes every reading is not safe."""
@@ -212,6 +213,7 @@ def test_a_lag_that_ends_is_forgiven():
     assert all(status != Status.FAULT for status, *_ in seen[90 + AGREEMENTS :])
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("name", [name for name in FILTERS if name != "none"])
 def test_a_lasting_disagreement_keeps_the_arm_at_rest_whatever_filter_is_inside(name):
     def off(scenes):
@@ -431,6 +433,7 @@ def test_a_tolerance_survives_json():
 # ---- how far off a believed reading can be ------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_drift_that_is_believed_is_bounded(robot):
     """However a reading creeps away, what is believed is within the tolerance, or a billionth of the limits."""
     limits = robot.limits
@@ -723,6 +726,7 @@ def test_monitor_with_a_tolerance_an_episode_begins_at_rest_or_not_at_all(robot)
     np.testing.assert_array_equal(monitor.expected, [robot.home, np.zeros(6), np.zeros(6)])
 
 
+@pytest.mark.long
 def test_monitor_never_raises(robot):
     rng = np.random.default_rng(0)
     junk = [None, 3, "x", np.nan, np.inf, -1e308, 1e308, [], {}, object()]

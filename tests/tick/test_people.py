@@ -331,6 +331,7 @@ def test_places_and_radii_are_compared_for_as_long_as_velocities():
         assert (walked(monitor, velocities, thicker=thicker) is not None) == seen
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(6))
 def test_whoever_keeps_the_acceleration_bound_is_never_withdrawn_it(seed):
     """As hard as it lets them, this way and that; both ends, measured as badly as the errors let them, at any times."""
@@ -550,6 +551,7 @@ def follow(faults: SensorFaults, seed: int, ticks: int, speed: float = 1.6, trus
         env.step(None)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", REPORTED)
 @settings(max_examples=3)
 @given(seed=st.integers(0, 2**31))
@@ -572,6 +574,7 @@ def test_whoever_keeps_to_the_bound_is_where_the_monitor_expects(name, seed):
         assert covered >= 140
 
 
+@pytest.mark.long
 @settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**31),
@@ -602,6 +605,7 @@ def test_the_property_can_fail():
     assert outside > 0.01
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("seed", range(8))
 def test_outliers_shorter_than_a_walk_are_never_trusted(seed):
     """1 m takes 0.62 s at 1.6 m/s; an outlier of up to 0.4 s is covered or a fault, once somebody was seen right."""

@@ -145,6 +145,7 @@ def combinations():
             yield pytest.param(kind, layers, marks=marks)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "layers"), list(combinations()))
 def test_many_arms_decide_as_each_of_them_would_alone(robot, make_scene, kind, layers):
     episodes = [Episode(robot, make_scene, e) for e in range(ARMS)]
@@ -191,6 +192,7 @@ def test_a_batch_takes_whatever_has_a_name_and_refuses_who_proposes_in_python(na
         Batch(own(robot, DT), 3, ("head",))
 
 
+@pytest.mark.long
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="without compilation there are no pointers")
 def test_a_pointer_keeps_alive_what_compiled_code_counts_no_references_to(robot):
     batch = Batch(NoFilter(robot, DT), 3, ("head",))

@@ -85,6 +85,7 @@ def refused_or_the_same(one, before):
     return False
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [MANIFEST, PARAMETERS, STATISTICS, BUFFER])
 def test_truncated_anywhere(name, folder):
     one = newest(folder)

@@ -243,6 +243,7 @@ def test_a_full_buffer_with_a_cursor_in_it_is_read(folder, model):
     assert (model.replay_buffer.pos, model.replay_buffer.full, model.replay_buffer.size()) == (99, True, 100)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.filterwarnings("ignore:.*weights_only")
 @pytest.mark.parametrize("how", CHANGED)
 def test_forged_files_are_refused_and_never_run(how, folder, model):

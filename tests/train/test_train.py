@@ -63,6 +63,7 @@ def check(watch):
     assert np.std(watch.actions) > 0.1
 
 
+@pytest.mark.long
 def test_ppo_learns_through_the_shield():
     watch = Watch(jssa_gym.JSSAShield(gym.make("jssa_gym/Reach-v0")))
     model, losses = learn(sb3.PPO, watch, n_steps=250, batch_size=125, n_epochs=2)

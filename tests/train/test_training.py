@@ -25,6 +25,7 @@ from jssa_gym.train.history import EpisodeCounter, as_rows, from_rows
 # ---- what it says ------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_training_leaves_what_it_promises(tmp_path):
     config = tiny(steps=256, interval=256, settings=replace(tiny().settings, rollout=256))
     told: list[str] = []

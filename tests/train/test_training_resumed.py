@@ -62,6 +62,7 @@ def test_a_training_that_was_interrupted_goes_on_to_the_bit(algorithm, tmp_path)
     assert ("buffer.npz" in files) == (algorithm != "ppo")
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(tmp_path):
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         train(tiny(steps=64, seed=seed), tmp_path / name)

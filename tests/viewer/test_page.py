@@ -22,6 +22,7 @@ def nodes(page):
     return set(page.server.viser.scene._handle_from_node_name)
 
 
+@pytest.mark.long
 def test_the_scene_follows_what_is_played(open_page, caplog):
     page = open_page(Choices(shields=(ShieldChoice("yield"),)))
     eventually(lambda: page.sent > 5)
@@ -101,6 +102,7 @@ def test_a_film_that_ends_while_something_is_written_goes_on(open_page):
     assert page._shelf.episodes() == ()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("pointer", [(1e4, 0.0, 5e-324), (1.6, 0.0, np.nan), (np.inf, 0.0, 0.5)])
 def test_a_pointer_that_is_nowhere_leaves_the_person_somewhere(open_page, pointer):
     page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)))

@@ -72,6 +72,7 @@ def test_a_place_that_is_not_finite_is_no_place(bad):
         np.testing.assert_array_equal(one.end, other.end)
 
 
+@pytest.mark.long
 @given(
     moves=st.lists(
         st.tuples(

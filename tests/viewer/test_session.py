@@ -321,6 +321,7 @@ def test_commands_are_done_in_their_order_and_refusals_are_told(running):
     assert (seen.number, seen.message) == (number + 1, "")
 
 
+@pytest.mark.long
 def test_steps_come_at_the_pace_that_was_asked_for(running):
     def far():
         return running.punctuality().steps > 40
