@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 from numba import config as numba_config
+from sampled import leave_cases_out
 
 from jssa_gym.humans import Body, nobody
 from jssa_gym.robots import RobotModel, lr_mate_200id_7l
@@ -56,27 +57,6 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         if item.get_closest_marker("slow"):
             item.add_marker(pytest.mark.skip(reason="large counts run with -m slow"))
-
-
-_GOLDEN = 0.6180339887498949
-
-
-def leave_cases_out(items):
-    """Of a test that is ``sampled(n)`` all cases but n are ``long``.
-
-    Those that are not are spread by the golden ratio: evenly, and so that of a product of two lists neither is met in
-    one of its values alone.
-    """
-    cases = {}
-    for item in items:
-        if item.get_closest_marker("sampled") and not item.get_closest_marker("slow"):
-            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
-    for alike in cases.values():
-        (count,) = alike[0].get_closest_marker("sampled").args
-        kept = {int(len(alike) * (k * _GOLDEN % 1.0)) for k in range(count)}
-        for case, item in enumerate(alike):
-            if case not in kept:
-                item.add_marker(pytest.mark.long)
 
 
 MANY = 1000

@@ -102,6 +102,7 @@ def test_a_capsule_will_be_where_its_velocity_says(name):
             np.testing.assert_allclose(now.end + DT * now.end_velocity, then.end, rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("count", [20, pytest.param(200, marks=pytest.mark.slow)])
 def test_people_keep_their_distance_and_their_speed(name, count):
     motion = HUMANS[name]()

@@ -129,6 +129,7 @@ def test_random_scenes_are_decided_inside_the_box(filter, random_scene, count):
     assert Status.FAULT not in seen
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", BARE)
 @pytest.mark.parametrize("human", ["random", "close"])
 @pytest.mark.parametrize("episodes", [4, pytest.param(200, marks=pytest.mark.slow)])
@@ -584,6 +585,7 @@ def statuses(filter, random_scene, wanted, seed=0, limit=100_000, **draw):
 COUNTS = {Status.NOMINAL: 6, Status.PROJECTED: 14, Status.RELAXED: 4}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("projector", list(PROJECTORS))
 @pytest.mark.parametrize("factor", [1, pytest.param(20, marks=pytest.mark.slow)])
 def test_kept_rows_keep_the_true_index(robot, random_scene, projector, factor):
