@@ -214,7 +214,7 @@ def step_of(filter) -> int:
 
 def forget_people(filter) -> None:
     """Whoever comes now is who there is."""
-    filter.reading.forget()
+    filter.reading.names, filter.reading._met = None, False
     _forget_people(filter.records.view.arms)
 
 
