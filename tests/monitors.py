@@ -13,7 +13,7 @@ from jssa_gym.kernels.verification import SAFE
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.reading import Reading
 from jssa_gym.shields.records import ONE, Records
-from jssa_gym.shields.words import Told, _fault
+from jssa_gym.shields.words import Told, fault_in_words
 from jssa_gym.tick import admit, joints, layout, loop, people
 from jssa_gym.tick.assumed import Assumed
 from jssa_gym.tick.proposals.nothing import Nothing
@@ -109,7 +109,7 @@ class JointMonitor:
 
 def _in_words(monitor, code, ticks=0):
     told = Told(*monitor.records.answer.told.item())
-    return _fault(told._replace(code=code, ticks=ticks), monitor.records, monitor.reading)
+    return fault_in_words(told._replace(code=code, ticks=ticks), monitor.records, monitor.reading)
 
 
 class Watch(NamedTuple):
@@ -214,7 +214,7 @@ def step_of(filter) -> int:
 
 def forget_people(filter) -> None:
     """Whoever comes now is who there is."""
-    filter._reading.names, filter._reading._met = None, False
+    filter.reading.names, filter.reading._met = None, False
     _forget_people(filter.records.view.arms)
 
 
@@ -225,7 +225,7 @@ def watch(filter, scene) -> bool:
 
 def wrong_with_people(filter, scene) -> int:
     """Look at the people of a scene, and at nothing else; the code of what is wrong with them, or 0."""
-    filter._reading.read(scene)
+    filter.reading.read(scene)
     return _watch(filter.records.view.arms)
 
 

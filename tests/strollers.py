@@ -46,7 +46,7 @@ class Stage(gym.Env):
         share = self.np_random.choice(self.shares, (2, 6, 1))
         return vectors * share * self.speed[:, None]
 
-    def _moved(self) -> np.ndarray:
+    def moved(self) -> np.ndarray:
         before = self.truth[-1]
         now = before.copy()
         now[:2] += before[2:] * DT
@@ -61,7 +61,7 @@ class Stage(gym.Env):
         return np.zeros(1, np.float32), {}
 
     def step(self, action=None):
-        self.truth.append(self._moved())
+        self.truth.append(self.moved())
         return np.zeros(1, np.float32), 0.0, False, False, {}
 
     @property

@@ -8,7 +8,7 @@ import pytest
 from jssa_gym import registration
 from jssa_gym.cli.stress import Stress
 from jssa_gym.envs.arm import ArmEnv
-from jssa_gym.envs.tasks import TASKS, Moment, Task
+from jssa_gym.envs.tasks import TASKS, Moment, Progress, Task
 from jssa_gym.envs.world import SCENES, planes_of
 from jssa_gym.evaluation.campaign import Campaign, Grid
 from jssa_gym.exceptions import ParameterError
@@ -58,6 +58,14 @@ class TestRobot:
         assert env.observation_space.contains(observation)
 
 
+def drawn_goal(env: ArmEnv, seed: int = 0) -> np.ndarray:
+    """All of the goal that ``reset(seed=seed)`` has drawn; ``env.goal`` is what of it comes first."""
+    drawn = env.task.draw_goal(np.random.default_rng(seed), env.robot, env.planes)
+    goal = env.task.follow(drawn, env.scene.human)
+    np.testing.assert_array_equal(env.task.present(goal, Progress(np.array(env.robot.home))), env.goal)
+    return goal
+
+
 @pytest.mark.parametrize("name", TASKS)
 class TestTask:
     def test_its_goals_are_goals(self, name: str) -> None:
@@ -67,7 +75,8 @@ class TestTask:
             shapes = {"joints": [(env.robot.n,), (*env.goal.shape[:-1], env.robot.n)], "tip": [(3,)]}
             assert env.goal.shape in shapes[env.task.space]
             if type(env.task).follow is Task.follow:
-                np.testing.assert_array_equal(env.task.check_goal(env._goal, env.robot), env._goal)
+                goal = drawn_goal(env, seed)
+                np.testing.assert_array_equal(env.task.check_goal(goal, env.robot), goal)
             else:  # a goal that is somebody's cannot be set
                 with pytest.raises(ParameterError):
                     env.reset(options={"goal": env.goal})
@@ -76,7 +85,7 @@ class TestTask:
         env = ArmEnv(name)
         env.reset(seed=0)
         moment = Moment(np.array(env.robot.home), np.array([0.4, 0.0, 1.4]), 0.0, np.zeros(6), np.inf, False)
-        observed = env.task.observe(env._goal, moment)
+        observed = env.task.observe(drawn_goal(env), moment)
         assert observed.shape == (sum(f.size for f in env.task.features(env.robot)),)
 
     def test_a_goal_that_is_met_is_reached_and_worth_most(self, name: str) -> None:
@@ -84,7 +93,7 @@ class TestTask:
         env.reset(seed=0)
         away = Moment(np.array(env.robot.home) + 0.5, np.array([9.0, 9.0, 9.0]), 0.0, np.zeros(6), np.inf, False)
         there, where = away, "position" if env.task.space == "joints" else "tip"
-        goal = env._goal
+        goal = drawn_goal(env)
         for point in [*np.atleast_2d(goal)] * 2:  # one after the other and again, with all the time in the world
             there = there._replace(**{where: point})
             there = there._replace(progress=env.task.advance(goal, there, np.zeros(6), 1e3))
@@ -112,7 +121,7 @@ class TestTask:
     def test_a_campaign_takes_it(self, name: str) -> None:
         grid = Grid(("none",), ("hand",), ("hold",), ("none",), 1)
         assert Campaign((grid,), name, steps=10).total() == 1
-        assert Stress(task=name)._campaign("quick", 10).task == name
+        assert Stress(task=name).campaign("quick", 10).task == name
 
 
 def test_a_task_that_is_entered_is_registered(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -45,7 +45,7 @@ def settings(shield: gym.Env) -> tuple:
     told = shield.filter
     form = ()
     if isinstance(told, JSSAFilter):
-        form = (told.rows, told.gradient, told.static_rows, told.recovery, type(told._projector), told._authority)
+        form = (told.rows, told.gradient, told.static_rows, told.recovery, type(told.projector), told.proposal)
     return type(told), told.params, told.viability, told.failsafe, form
 
 
@@ -201,11 +201,11 @@ def test_an_option_and_the_old_keyword_are_the_same(name):
     ]
     shields += [EnvSpec.from_json(shield.spec.to_json()).make() for shield in shields]
     told = settings(shields[0])
-    weight = shields[0].filter._projector.weight
+    weight = shields[0].filter.projector.weight
     assert told != settings(JSSAShield(arm())) or weight[1, 1] == 2.0
     for shield in shields:
         assert settings(shield) == told
-        np.testing.assert_array_equal(shield.filter._projector.weight, weight)
+        np.testing.assert_array_equal(shield.filter.projector.weight, weight)
     for options in (JSSAOptions(), JSSAOptions(**{name: value}), {name: value}, {}):
         with pytest.raises(ParameterError, match=f"{name} is one of the options: give it in options or alone"):
             JSSAShield(arm(), options=options, **{name: value})

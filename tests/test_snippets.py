@@ -16,7 +16,7 @@ import pytest
 import robots_arms
 from places import DOCS, ROOT
 
-from jssa_gym.cli import _parse, main
+from jssa_gym.cli import main, parse
 from jssa_gym.exceptions import JSSAGymError
 
 PAGES = {page.name: page for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md")))}
@@ -132,7 +132,7 @@ def complaint(words):
         if rest == ["--version"]:
             return None
         try:
-            _parse(rest)
+            parse(rest)
         except (SystemExit, JSSAGymError) as error:
             return f"{shlex.join(words)}: {error}"
     elif program == "pip":

@@ -64,4 +64,4 @@ def seal(one, **changes):
     del body["sha256"]
     body["files"] = {name: hashlib.sha256((one / name).read_bytes()).hexdigest() for name in body["files"]}
     body |= changes
-    (one / MANIFEST).write_text(json.dumps({**body, "sha256": checkpoint._digest(body)}))
+    (one / MANIFEST).write_text(json.dumps({**body, "sha256": checkpoint.digest_of(body)}))

@@ -138,7 +138,7 @@ def sweep(
     for finer in range(_ROUNDS + 1):
         if finer:
             best, half = min(allowed, key=lambda cell: cell.cost), 0.5**finer
-            ones, twos = _around(first[0], best.lambda1, half), _around(first[1], best.lambda2, half)
+            ones, twos = around(first[0], best.lambda1, half), around(first[1], best.lambda2, half)
         pairs = [(float(x), float(y)) for x in ones for y in twos if x**2 >= 8.0 * y * d_min]
         if progress is not None:
             progress(-len(pairs))
@@ -186,7 +186,7 @@ def _axis(name: str, limits: tuple[float, float], count: int) -> Array:
     return np.geomspace(low, high, count)
 
 
-def _around(axis: Array, best: float, share: float) -> Array:
+def around(axis: Array, best: float, share: float) -> Array:
     """The best value itself, and two at either side of it, a share of the axis' steps apart, within its range."""
     steps = (axis[1] / axis[0]) ** (share * np.arange(-2.0, 3.0))
     return np.unique(np.clip(best * steps, axis[0], axis[-1]))

@@ -69,7 +69,7 @@ def main() -> None:
                 if arguments == ["--version"]:
                     print(f"jssa-gym {package_version()}")
                 else:
-                    _parse(arguments).run()
+                    parse(arguments).run()
             finally:
                 sys.stdout.flush()  # at the interpreter's end nobody could be told that it was in vain
         except BrokenPipeError:  # nobody reads any more
@@ -94,7 +94,8 @@ def _whose(arguments: Sequence[str]) -> str:
     return " ".join([name, *rest[:1]]) if has_actions and rest and not rest[0].startswith("-") else name
 
 
-def _parse(arguments: Sequence[str]) -> Command:
+def parse(arguments: Sequence[str]) -> Command:
+    """The command that arguments make, to be run."""
     given_once(arguments)
     if arguments and arguments[0] in COMMANDS:  # by its own parser, whose errors name its own help
         name, *rest = arguments

@@ -82,7 +82,7 @@ class Compare:
         )
         reports = play(study, self.out, self.workers.chosen(), self.keep)
         ranked = standings(reports)
-        write_page(self.out / "report.html", study, reports, self._command())
+        write_page(self.out / "report.html", study, reports, self.command_line())
         if self.json:
             promise = {"uncovered": list(reports[0].uncovered)} if reports[0].uncovered else {}
             print(json.dumps([_plain(one) | promise for one in ranked], indent=2, allow_nan=False))
@@ -97,7 +97,7 @@ class Compare:
         if any(report.blocked for report in reports):
             raise SystemExit(1)
 
-    def _command(self) -> str:
+    def command_line(self) -> str:
         """What makes the same page again."""
         parts = ["jssa-gym", "compare"]
         for name in ("tasks", "filters", "humans", "policies"):

@@ -37,7 +37,7 @@ _SHIELDS: dict[str, Callable[[gym.Env], gym.Env]] = {
 }
 
 
-_TRIED = 50
+TRIED = 50
 """Seeds that are played without a shield to find one that shows something."""
 
 
@@ -133,7 +133,7 @@ class Demo:
         if self.seed is not None or self.policy is None:
             return self.seed or 0
         env, nearest, found = make(), np.inf, 0
-        for seed in range(_TRIED):
+        for seed in range(TRIED):
             distance = rollout(env, drive(env), seed=seed, steps=steps).distance.min()
             if distance < nearest:
                 nearest, found = distance, seed

@@ -21,16 +21,16 @@ from jssa_gym.types import Status, Trace
 EVERY = 5
 """A picture every so many control steps: 25 a second."""
 
-_HOLD = 100
+HOLD = 100
 """For so many control steps a film stands still when a contact begins."""
 
 _APART = 1.0
 """A contact that follows another one of the same episode sooner is not held again [s]."""
 
-_WIDTH, _HEIGHT, _DIVIDER = 480, 400, 4
+WIDTH, HEIGHT, DIVIDER = 480, 400, 4
 """Of a picture, and what is between two [pixels]."""
 
-_RULE = (108, 116, 126)
+RULE = (108, 116, 126)
 
 _WORDS: dict[Status, tuple[str, str]] = {
     Status.NOMINAL: ("as asked", GREEN),
@@ -67,7 +67,7 @@ def rows(traces: Sequence[Trace], every: int = EVERY) -> list[int]:
         last = -np.inf
         for k in np.flatnonzero(np.diff(trace.contact.astype(int), prepend=0) == 1).tolist():
             if trace.time[k] - last >= _APART:
-                held[k] = _HOLD // every
+                held[k] = HOLD // every
             last = trace.time[k]
     shown = sorted({*range(0, count, every), *held})
     return [k for k in shown for _ in range(1 + held.get(k, 0))]
@@ -119,8 +119,8 @@ def film(
     """
     first = traces[0]
     scene = next((name for name in first.plane_names if name in SCENES), "floor")
-    world = World(robot, scene, pretty=pretty, width=_WIDTH, height=_HEIGHT)
-    world.look_from(episode_camera(traces, robot, _WIDTH / _HEIGHT, elevation))
+    world = World(robot, scene, pretty=pretty, width=WIDTH, height=HEIGHT)
+    world.look_from(episode_camera(traces, robot, WIDTH / HEIGHT, elevation))
     try:
         for k, again in itertools.groupby(rows(traces, every)):
             picture = _beside([_column(world, trace, k, robot, d_min, capsules) for trace in traces])
@@ -132,7 +132,7 @@ def film(
 
 def _beside(columns: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     """Columns of one height with a line between two."""
-    line = np.full((len(columns[0]), _DIVIDER, 3), _RULE, np.uint8)
+    line = np.full((len(columns[0]), DIVIDER, 3), RULE, np.uint8)
     return np.hstack([part for column in columns for part in (line, column)][1:])
 
 
@@ -147,11 +147,11 @@ def _column(world: World, trace: Trace, k: int, robot: RobotModel, d_min: float,
     said = caption(trace, k)
     return np.vstack(
         [
-            plots.heading(said, _WIDTH),
+            plots.heading(said, WIDTH),
             picture,
-            plots.footer(said, _WIDTH),
-            plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), touches, _WIDTH),
-            plots.ribbon(trace.jerk[: k + 1] / robot.limits.jerk, _WIDTH),
+            plots.footer(said, WIDTH),
+            plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), touches, WIDTH),
+            plots.ribbon(trace.jerk[: k + 1] / robot.limits.jerk, WIDTH),
         ]
     )
 

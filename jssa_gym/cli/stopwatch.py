@@ -105,7 +105,7 @@ def _qps(robot: RobotModel, dt: float, scenes: list[tuple[Scene, Array]]) -> lis
             problems.append((nominal.copy(), HalfSpaces(rows.L.copy(), rows.S.copy())))
             return inner.project(nominal, rows, lower, upper)
 
-    recording._projector = _Recorder(robot.n)
+    recording.projector = _Recorder(robot.n)
     for scene, nominal in scenes:
         recording.decide(scene, nominal)
     return problems
@@ -210,12 +210,12 @@ def time_first_use(robot: str) -> tuple[float, float]:
         return once(), once()
 
 
-_CBFPY = Path(__file__).parents[2] / "benchmarks" / "cbfpy_peer.py"
+CBFPY = Path(__file__).parents[2] / "benchmarks" / "cbfpy_peer.py"
 
 
 def cbfpy_missing() -> str:
     """Why :func:`cbfpy_report` has nothing to run here, and what to do; empty if it has."""
-    if not _CBFPY.is_file():
+    if not CBFPY.is_file():
         return "benchmarks/cbfpy_peer.py is not part of an installed package; run jssa-gym bench in a clone"
     if importlib.util.find_spec("cbfpy") is None:
         return 'cbfpy is not installed; pip install cbfpy "elastiqp[jax]"'
@@ -226,5 +226,5 @@ def cbfpy_report() -> str | None:
     """CBFpy's times on the same arm and pairs, from ``benchmarks/cbfpy_peer.py``; None where either is missing."""
     if cbfpy_missing():
         return None
-    run = subprocess.run([sys.executable, str(_CBFPY), "--repeats", "5"], capture_output=True, text=True, check=False)
+    run = subprocess.run([sys.executable, str(CBFPY), "--repeats", "5"], capture_output=True, text=True, check=False)
     return run.stdout if run.returncode == 0 else f"failed: {run.stderr.strip().splitlines()[-1:]}"

@@ -83,13 +83,13 @@ class Stress:
         if preset == "degradation":
             plots.require()
         own_folder(self.out, CONFIG)
-        ledger = Ledger(self.out, self._campaign(preset, steps))
+        ledger = Ledger(self.out, self.campaign(preset, steps))
         console = Terminal(stderr=True)
         self._play(ledger, jobs, console)
         episodes = [episode for some in ledger.by_cell().values() for episode in some]
         rows = tally(episodes, self.by)
         if preset == "degradation":
-            figure = plots.degradation(*_curves(episodes))
+            figure = plots.degradation(*curves(episodes))
             write_figure(self.out / "degradation.png", figure)
         broken = [episode for episode in episodes if episode.broken]
         if self.json:
@@ -107,7 +107,8 @@ class Stress:
         if broken or reason:
             raise SystemExit(1)
 
-    def _campaign(self, preset: str, steps: int) -> Campaign:
+    def campaign(self, preset: str, steps: int) -> Campaign:
+        """What is to be played, by the options and a preset."""
         chosen: dict[str, Any] = {
             name: value
             for name in ("filters", "humans", "policies", "faults", "episodes")
@@ -175,7 +176,7 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
         for name in dict.fromkeys(row.group[by.index("filter")] for row in rows):
             if without := contender(name).without:
                 console.say(f"{name}: full without {without}")
-    same = _options(ledger.plan)
+    same = unusual_options(ledger.plan)
     for episode in sorted(broken, key=lambda e: -e.severity)[:10]:
         what = "MuJoCo disagrees" if not episode.agrees else f"{episode.judged_speed or episode.contact_speed:.3g} m/s"
         names = " ".join(
@@ -188,7 +189,7 @@ def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow],
         )
 
 
-def _options(plan: Any) -> str:
+def unusual_options(plan: Any) -> str:
     """Options of a command that plays episodes of a campaign again: those that are not as ever."""
     if not isinstance(plan, Campaign):
         return ""
@@ -197,7 +198,7 @@ def _options(plan: Any) -> str:
     return "".join(f" --{name} {shlex.quote(value)}" for name, (value, usual) in chosen.items() if value != usual)
 
 
-def _curves(episodes: Sequence[StressRow]) -> tuple[plots.Curve, plots.Curve]:
+def curves(episodes: Sequence[StressRow]) -> tuple[plots.Curve, plots.Curve]:
     """Two curves: by the people's speed, and by the delay that nobody reports."""
 
     def curve(points: dict[float, list[StressRow]]) -> plots.Curve:

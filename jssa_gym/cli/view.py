@@ -80,7 +80,7 @@ class ViewCommand:
             session.step()  # compiles, before anybody waits for it
             session.snapshot()
             session.reset()
-            page = page_class(session, door, listening, Shelf(self.out, _pictures))
+            page = page_class(session, door, listening, Shelf(self.out, pictures))
             self._stay(page)
 
     def _stay(self, page: "Page") -> None:
@@ -116,6 +116,6 @@ def require_page() -> tuple[type["Page"], Callable[[str, int], socket.socket]]:
     return Page, listen
 
 
-def _pictures(traces: Sequence[Trace], robot: RobotModel) -> tuple[Iterable[NDArray[np.uint8]], int]:
+def pictures(traces: Sequence[Trace], robot: RobotModel) -> tuple[Iterable[NDArray[np.uint8]], int]:
     """A film's pictures, and how many a second."""
     return film(traces, robot, d_min=traces[0].d_min), round(1.0 / (DT * EVERY))

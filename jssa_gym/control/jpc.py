@@ -118,7 +118,8 @@ class JPC:
         self.open = False
         """Whether there is something left to do."""
         self._task = False  # whether there is a task, done or not: what was reached has to be held
-        self._tick = 0
+        self.tick = 0
+        """Which of the episode it is."""
         self._plan: Plan | None = None
         self._read = 0  # ticks of the plan that have been read
         self._passed = 0  # waypoints of it that have been counted
@@ -189,7 +190,7 @@ class JPC:
         if self.phase in (Phase.WAITING, Phase.TRACKING):
             self._begin(state)
         jerk = self._jerk(state)
-        self._tick += 1
+        self.tick += 1
         return jerk
 
     def _on(self, event: Event) -> None:
@@ -227,32 +228,32 @@ class JPC:
     def _future(self, state: Array) -> tuple[Array, int]:
         """Where a plan that is asked for now has to begin, and at which tick the arm will be there."""
         if self.phase is Phase.WAITING or self._plan is None:
-            return _at_rest(state if self._expected is None else self._expected), self._tick
+            return _at_rest(state if self._expected is None else self._expected), self.tick
         last = len(self._plan)
         at = last if self.phase is Phase.SETTLING else min(self._read + self._ahead, last)
         begin = self._plan.states[at]
         if at == last:  # at rest but for rounding
             begin = _at_rest(begin)
-        return begin, self._tick + at - self._read
+        return begin, self.tick + at - self._read
 
     def _ask(self, state: Array) -> None:
         """Ask the host if there is need to, and ask again if it does not answer."""
         if self.phase is Phase.TRACKING and self._current:
             return
         if self.request is not None:
-            if self._answer is not None or self._tick - self._asked < self._waits:
+            if self._answer is not None or self.tick - self._asked < self._waits:
                 return
             self._waits *= 2
         self._number += 1
         begin, begins = self._future(state)
-        self.request, self._answer, self._asked = Request(self._number, begin, begins, self.met), None, self._tick
+        self.request, self._answer, self._asked = Request(self._number, begin, begins, self.met), None, self.tick
 
     def _begin(self, state: Array) -> None:
         """Begin with the answer if its time has come; drop it if it has passed."""
         if not self.open and self.phase is Phase.WAITING:
             self._on(Event.DONE)
         plan, request = self._answer, self.request
-        if plan is None or request is None or self._tick < request.begins:
+        if plan is None or request is None or self.tick < request.begins:
             return
         self.request, self._answer = None, None
         if np.all(np.abs(plan.states[0] - state) <= DISTURBED):

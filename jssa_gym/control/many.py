@@ -96,7 +96,7 @@ class ManyJPC:
     def fetch(self, e: int) -> None:
         """Bring the controller of arm ``e`` to the present."""
         jpc, now = self._controllers[e], self._players.now[e]
-        jpc._tick, jpc._read = int(now["tick"]), int(now["read"])
+        jpc.tick, jpc._read = int(now["tick"]), int(now["read"])
         jpc._obeyed, jpc.met = int(now["obeyed"]), int(now["met"])
         path = _path_of(jpc)
         if path is not None:
@@ -108,7 +108,7 @@ class ManyJPC:
     def take_back(self, e: int, wake: int) -> None:
         """Go on with the controller of arm ``e``, until tick ``wake`` at most."""
         jpc, now, path = self._controllers[e], self._players.now[e], _path_of(self._controllers[e])
-        now["tick"], now["read"], now["obeyed"], now["met"] = jpc._tick, jpc._read, jpc._obeyed, jpc.met
+        now["tick"], now["read"], now["obeyed"], now["met"] = jpc.tick, jpc._read, jpc._obeyed, jpc.met
         now["wake"], now["quiet"], now["paced"] = min(wake, _wakes(jpc)), jpc.quiet, path is not None
         now["does"] = _DOES[jpc.phase]
         plan = jpc._plan
@@ -143,7 +143,7 @@ def _path_of(jpc: JPC) -> PacedPath | None:
 
 def _wakes(jpc: JPC) -> int:
     """The tick in which something happens to a controller, whatever its arm does; it may be the next one."""
-    request, answer, tick = jpc.request, jpc._answer, jpc._tick
+    request, answer, tick = jpc.request, jpc._answer, jpc.tick
     if answer is not None and request is not None and jpc.phase in (Phase.WAITING, Phase.TRACKING):
         return tick if _path_of(jpc) is not None else request.begins
     if jpc.phase is Phase.WAITING and not jpc.open:

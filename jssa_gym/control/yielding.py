@@ -119,9 +119,9 @@ class YieldingJPC(JPC):
         path = self.path
         if path is not None and path.pace < _SLOW:
             self._from = _HERE
-            return np.concatenate([state[:1], np.zeros_like(state[1:])]), self._tick
+            return np.concatenate([state[:1], np.zeros_like(state[1:])]), self.tick
         begin, begins = super()._future(state)
-        self._from = self._read + begins - self._tick
+        self._from = self._read + begins - self.tick
         return begin, begins
 
     def _begin(self, state: Array) -> None:

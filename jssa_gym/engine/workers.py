@@ -28,7 +28,7 @@ UNABLE = (
 
 _KNOWN = "functions and classes of a script or notebook belong into a module that can be imported; or use jobs=1"
 
-_LAST_BREATH = 2.0
+LAST_BREATH = 2.0
 """How long a worker without work may take to end [s]."""
 
 
@@ -90,7 +90,7 @@ class _Task(NamedTuple):
     found: Sequence[Any] = ()
 
 
-class _Worker:
+class Worker:
     """A process of its own, with what it has said of the task at hand; ``task`` is what it will be given first."""
 
     def __init__(self, play: Play[Any, Any], interrupts: Interrupts, task: _Task | None = None) -> None:
@@ -143,7 +143,7 @@ class _Worker:
         return max(self.taken(), [] if self.task is None else list(self.task.found), key=len)
 
     def _gone(self) -> WorkerError:
-        self.process.join(_LAST_BREATH)
+        self.process.join(LAST_BREATH)
         code = self.process.exitcode
         killed = code is None or code < 0
         if not (self._begun or killed):
@@ -160,7 +160,7 @@ class _Worker:
         self.link.close()
 
 
-def _end(workers: Sequence[_Worker], patience: float) -> None:
+def end_all(workers: Sequence[Worker], patience: float) -> None:
     """End them, after some time to end by themselves, all together [s]."""
     if patience:
         for worker in workers:
@@ -226,14 +226,14 @@ def _share_out(
 ) -> None:
     # workers inherit it: threads of theirs would only fight each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    todo, workers, patience = deque(map(_Task, chunks)), list[_Worker](), 0.0
-    busy: dict[Any, _Worker] = {}
+    todo, workers, patience = deque(map(_Task, chunks)), list[Worker](), 0.0
+    busy: dict[Any, Worker] = {}
 
     def begin(task: _Task | None = None) -> None:
-        workers.append(worker := _Worker(play, interrupts, task))
+        workers.append(worker := Worker(play, interrupts, task))
         busy[worker.link] = worker
 
-    def replace(worker: _Worker, death: _DeathError) -> None:
+    def replace(worker: Worker, death: _DeathError) -> None:
         assert worker.task is not None
         chunk, deaths, found = worker.task
         if deaths == AGAIN:
@@ -265,8 +265,8 @@ def _share_out(
                     replace(worker, death)
                 finally:
                     hand_over(results)
-        patience = _LAST_BREATH
+        patience = LAST_BREATH
     finally:
-        _end(workers, patience)
+        end_all(workers, patience)
         for worker in workers:
             hand_over(worker.left())

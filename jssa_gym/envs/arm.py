@@ -255,14 +255,15 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
             )
         self._goals = Goals(self.task, self.robot) if observation == "goal" else None
         seen = (*arm_features(self.robot, max(parts, 1)), *(body_features(self._parts) if self._parts else ()))
-        self._observation = Observation(seen if self._goals else (*seen, *self.task.features(self.robot)))
-        self._scaling = self._observation.scaling(
+        self.layout = Observation(seen if self._goals else (*seen, *self.task.features(self.robot)))
+        """Where in the observation what is, by name, how it is scaled and within which bounds."""
+        self._scaling = self.layout.scaling(
             {"position": limits.position.mean(axis=1), "tip": self.robot.mount, "human_point": self.robot.mount}
         )
-        self.observation_space: spaces.Space = self._observation.space
+        self.observation_space: spaces.Space = self.layout.space
         if self._goals:
             apart = {"achieved_goal": self._goals.space, "desired_goal": self._goals.space}
-            self.observation_space = spaces.Dict({"observation": self._observation.space, **apart})
+            self.observation_space = spaces.Dict({"observation": self.layout.space, **apart})
         self.action_space = spaces.Box(-1.0, 1.0, (n,), np.float32)
         terms = (*(GOAL_TERMS if self._goals else self.task.terms), *COMMON_TERMS)
         self._terms = tuple((f"reward/{t.name}", t.weight) for t in terms)
@@ -293,7 +294,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
         """The present, as a perception system could know it; what shields read."""
         if self._scene is None:
             # copies: what somebody does to a scene must not move the arm
-            state = self._state.copy()
+            state = self.state.copy()
             self._scene = Scene(
                 self._time,
                 JointState(state[0], state[1], state[2]),
@@ -344,7 +345,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
             goal = self.task.draw_goal(self.np_random, self.robot, self.planes)
         for _ in range(100):
             self._begin(position, goal, self.human.reset(self.np_random, start))
-            _, distance, contact_speed, _ = self._around.move(self._state, self._zero, 0.0)
+            _, distance, contact_speed, _ = self._around.move(self.state, self._zero, 0.0)
             # nobody begins within reach of contact, unless the user puts them there
             if distance >= START_CLEARANCE or start is not None:
                 break
@@ -365,8 +366,9 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
 
     def _begin(self, position: Array, goal: Array, people: CapsuleSet) -> None:
         n = self.robot.n
-        self._state = np.array([position, np.zeros(n), np.zeros(n)])
-        self._actual = self._state
+        self.state = np.array([position, np.zeros(n), np.zeros(n)])
+        """Joint state that was commanded, rows position, velocity, acceleration; :attr:`scene` has a copy."""
+        self._actual = self.state
         self._goal, self._progress = goal, Progress(position)
         self._time, self._steps, self._held = 0.0, 0, 0
         self._take_people(people)
@@ -395,9 +397,9 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
         self._take_people(self.human.step(self.dt, around.robot_capsules if self.human.reacts else self._static))
         self._steps += 1
         self._time = self._steps * self.dt
-        before = self._state
-        self._state, distance, contact_speed, violation = around.move(before, jerk, self.dt)
-        self._actual = self._state
+        before = self.state
+        self.state, distance, contact_speed, violation = around.move(before, jerk, self.dt)
+        self._actual = self.state
         if self.dynamics == "servo":
             self._actual = np.array(self.world.servo_step(before, jerk, self.dt, self._servo_ratio))
             distance, contact_speed, swung = around.look(self._actual)
@@ -462,7 +464,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
         if self.robot.uncovered:
             info["uncovered"] = self.robot.uncovered
         if self.dynamics == "servo":
-            info["tracking_error"] = self._actual[0] - self._state[0]
+            info["tracking_error"] = self._actual[0] - self.state[0]
         return info
 
     def _pair_of_goals(self, goals: Goals) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -483,7 +485,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
 
     def _observed(self, moment: Moment) -> Any:
         # with servos the policy sees the commanded joints, as the shield does; the tip is the simulated one's
-        state, around, out = self._state, self._around, np.empty(self._observation.size, np.float32)
+        state, around, out = self.state, self._around, np.empty(self.layout.size, np.float32)
         if self._actual is not state:
             moment = moment._replace(position=state[0])
         if self._goals:

@@ -14,10 +14,10 @@ from jssa_gym.types import Array, CapsuleSet
 
 Colour = tuple[float, float, float]
 
-_SKIN, _HAIR = (0.87, 0.66, 0.53), (0.22, 0.15, 0.11)
+SKIN, HAIR = (0.87, 0.66, 0.53), (0.22, 0.15, 0.11)
 _SHIRTS = ((0.20, 0.42, 0.70), (0.30, 0.52, 0.44), (0.55, 0.36, 0.60), (0.62, 0.42, 0.30))
 """One a person, in turn."""
-_TROUSERS, _SHOES = (0.21, 0.23, 0.30), (0.12, 0.12, 0.13)
+_TROUSERS, SHOES = (0.21, 0.23, 0.30), (0.12, 0.12, 0.13)
 _CAPSULE = (0.35, 0.55, 0.85)
 GREEN, RED, ORANGE = (0.05, 0.72, 0.30), (0.90, 0.10, 0.10), (0.95, 0.55, 0.05)
 
@@ -96,9 +96,9 @@ def _limbs(capsules: CapsuleSet, shirt: Colour) -> list[Rounded]:
     for k, name in enumerate(capsules.names):
         start, end, radius = capsules.start[k], capsules.end[k], float(capsules.radius[k])
         if is_called(name, ("head", "hand", "palm", "fist")):
-            colour, share = _SKIN, 0.68 if is_called(name, ("head",)) else 0.5
+            colour, share = SKIN, 0.68 if is_called(name, ("head",)) else 0.5
         elif is_called(name, (*FOOT_PARTS, "leg", "knee", "thigh", "hip", "pelvis")):
-            colour, share = _SHOES if is_called(name, ("foot", "toe", "shoe")) else _TROUSERS, 0.75
+            colour, share = SHOES if is_called(name, ("foot", "toe", "shoe")) else _TROUSERS, 0.75
         else:
             colour, share = shirt, 0.62 if is_called(name, LIMB_PARTS) else 0.85
         drawn.append(Rounded(start, end, share * radius, colour))
@@ -132,10 +132,10 @@ def _head(middle: Array, radius: float, up: Array, ahead: Array, chest: Array) -
     crown = face + 0.14 * radius * up - 0.16 * radius * ahead
     nose = face + 0.94 * size * ahead - 0.22 * size * up
     return [
-        Rounded(chin, face, 0.94 * size, _SKIN),
-        Rounded(crown, crown - 0.22 * radius * up - 0.06 * radius * ahead, 1.0 * size, _HAIR),
-        Rounded(nose + 0.3 * size * up - 0.08 * size * ahead, nose, 0.15 * size, _SKIN),
-        Rounded(middle, middle + 0.55 * (chest - middle), 0.30 * radius, _SKIN),
+        Rounded(chin, face, 0.94 * size, SKIN),
+        Rounded(crown, crown - 0.22 * radius * up - 0.06 * radius * ahead, 1.0 * size, HAIR),
+        Rounded(nose + 0.3 * size * up - 0.08 * size * ahead, nose, 0.15 * size, SKIN),
+        Rounded(middle, middle + 0.55 * (chest - middle), 0.30 * radius, SKIN),
     ]
 
 
@@ -173,9 +173,9 @@ def _arm(shoulder: Array, hand: Array, radius: float, back: Array, shirt: Colour
     return [
         Rounded(shoulder, elbow, 0.56 * radius, shirt),
         Rounded(elbow, wrist, 0.46 * radius, shirt),
-        Rounded(wrist, palm, 0.34 * radius, _SKIN),
-        Rounded(palm, hand + 0.35 * radius * along, 0.42 * radius, _SKIN),
-        Rounded(palm, palm + 0.5 * radius * (along - back), 0.17 * radius, _SKIN),
+        Rounded(wrist, palm, 0.34 * radius, SKIN),
+        Rounded(palm, hand + 0.35 * radius * along, 0.42 * radius, SKIN),
+        Rounded(palm, palm + 0.5 * radius * (along - back), 0.17 * radius, SKIN),
     ]
 
 
@@ -187,7 +187,7 @@ def _leg(hip: Array, ankle: Array, radius: float, ahead: Array) -> list[Rounded]
     return [
         Rounded(hip, knee, 0.84 * radius, _TROUSERS),
         Rounded(knee, ankle, 0.60 * radius, _TROUSERS),
-        Rounded(sole - 0.35 * radius * flat, sole + 1.1 * radius * flat, 0.44 * radius, _SHOES),
+        Rounded(sole - 0.35 * radius * flat, sole + 1.1 * radius * flat, 0.44 * radius, SHOES),
     ]
 
 

@@ -77,7 +77,7 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
     episodes, steps = counted(study.episodes, "episode"), counted(study.steps, "step")
     tried = (("Tasks", study.tasks), ("People", study.humans), ("Policies", study.policies))
     about = " ".join(f"{what}: {', '.join(names)}." for what, names in tried)
-    keys = _keys(number)
+    keys = legend(number)
     sections = {
         "Over everything": [keys, *_leaderboard(ranked, len(study.policies)), note(_TIMES), *_paired(ranked)],
         **({"Policies": _policies(reports)} if len(study.policies) > 1 else {}),
@@ -101,7 +101,8 @@ def page(study: Study, reports: Sequence[Report], command: str, folder: Path) ->
     return document("Filters compared", parts)
 
 
-def _keys(number: dict[str, int]) -> Markup:
+def legend(number: dict[str, int]) -> Markup:
+    """Which line and marker is whose."""
     line = {"x1": 0, "x2": 48, "y1": 7, "y2": 7, "stroke_width": 2}
     keys = []
     for name, k in number.items():

@@ -16,7 +16,7 @@ _WHAT, _VERSION, _EARLIER = "trace", 3, (2,)
 LATER = {"margin": np.nan, "kind": "", "choice": -1, "override": np.nan}
 """What files of version 2, and steps without a shield, do not say; and what stands there instead."""
 
-_LARGEST = 512 * 2**20
+LARGEST = 512 * 2**20
 """Size from which nothing is read, on disk and unpacked [bytes]."""
 
 _HINTS = get_type_hints(Trace, include_extras=True)
@@ -85,7 +85,7 @@ def save_trace(trace: Trace, path: str | Path, meta: Mapping[str, Any] | None = 
     except (TypeError, ValueError) as error:
         raise TraceError(f"name, dt and meta have to be what JSON can hold: {error}") from error
     arrays = {"header": np.frombuffer(text.encode(), np.uint8)} | {field: getattr(trace, field) for field in _ARRAYS}
-    write_sealed(Path(path), arrays, TraceError, _LARGEST, compressed=True)
+    write_sealed(Path(path), arrays, TraceError, LARGEST, compressed=True)
 
 
 def load_trace(path: str | Path) -> Trace:
@@ -117,8 +117,8 @@ def read_meta(path: str | Path) -> dict[str, Any]:
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file whose digest is right."""
-    content = read_sealed(path, _WHAT, TraceError, _LARGEST)
-    with refused(TraceError, f"{path} holds no complete trace"), open_archive(content, _LARGEST) as archive:
+    content = read_sealed(path, _WHAT, TraceError, LARGEST)
+    with refused(TraceError, f"{path} holds no complete trace"), open_archive(content, LARGEST) as archive:
         header = read_header(read_array(archive, "header").tobytes(), _WHAT, _VERSION, *_EARLIER)
         late = LATER if header["version"] in _EARLIER else {}
         arrays = {field: read_array(archive, field) for field in _ARRAYS if field not in late}

@@ -7,7 +7,7 @@ from jssa_gym.exceptions import RecordingError
 from jssa_gym.humans import Body, HumanMotion, Recorded, Recording
 from jssa_gym.humans.body import NAMES
 
-_WALK = (
+WALK = (
     (0.0, 1.522, 1.062),
     (1.84, 1.495, 0.02),
     (2.04, 1.458, 0.02),
@@ -56,4 +56,4 @@ def stand_in() -> HumanMotion:
     Found by ``benchmarks/stand_in.py``, which asks for the numbers of Fig. 6 with the filter as published. Fig. 8 and
     Table 1 play no part in it: what they say of this person was not chosen.
     """
-    return walk(_WALK)
+    return walk(WALK)

@@ -132,7 +132,7 @@ class VectorJPCPolicy:
         """What arm ``e``'s own policy does, shape (n,)."""
         policy, many = self._policies[e], self._many
         many.fetch(e)
-        policy._tick, policy._time = policy.jpc._tick, np.inf if fresh else -np.inf
+        policy._tick, policy._time = policy.jpc.tick, np.inf if fresh else -np.inf
         action = policy(None)
         many.take_back(e, min((due[0] for due in policy._due), default=NEVER))
         self._goals[e] = policy._goal if self._tip else self._arms.goals[e]

@@ -68,7 +68,7 @@ def prepared_folder(name: str) -> Path:
         file = robot.xml(origin.entry)
     except mujoco_menagerie.MenagerieError as error:
         raise RobotModelError(f"the robot {name!r} of MuJoCo Menagerie is not to be had: {error}") from error
-    folder = _cache() / f"{name}-{_digest(file, name)}"
+    folder = _cache() / f"{name}-{digest_of(file, name)}"
     if not folder.is_dir():
         _prepare(file, origin, name, folder)
     return folder
@@ -76,7 +76,7 @@ def prepared_folder(name: str) -> Path:
 
 def published_limits(name: str) -> LimitTable | None:
     """Limits of an arm of :data:`MENAGERIE` from public data, the rest guessed; None if there are none."""
-    table = _table(name)
+    table = table_of(name)
     return None if table is None else read_limits(table, partial=True)
 
 
@@ -84,7 +84,7 @@ def _prepare(file: Path, origin: Origin, name: str, folder: Path) -> None:
     """Whole or not there: two processes may begin at once."""
     from jssa_gym.robots.prepare import Preparation, examine, write_prepared
 
-    wanted = Preparation(("all",), origin.keep, limits=_table(name))
+    wanted = Preparation(("all",), origin.keep, limits=table_of(name))
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent) as unfinished:
         made = write_prepared(examine(file, wanted), Path(unfinished) / name)
@@ -96,19 +96,19 @@ def _prepare(file: Path, origin: Origin, name: str, folder: Path) -> None:
             shutil.rmtree(made)
 
 
-def _table(name: str) -> Path | None:
+def table_of(name: str) -> Path | None:
     """Limits of an arm from public data; None if there are none."""
     name = name.removeprefix("menagerie_")
     places = (PUBLISHED / f"{name}.toml", Path(__file__).parent / "assets" / f"{name}.limits.toml")
     return next((place for place in places if place.is_file()), None)
 
 
-def _digest(file: Path, name: str) -> str:
+def digest_of(file: Path, name: str) -> str:
     """What changes with the arm's files and with what prepares them."""
     here = Path(__file__).parent
     readers = ("coverage.py", "findings.py", "limits.py", "mjcf.py", "reading.py")
     sources = [*sorted((here / "prepare").glob("*.py")), *(here / name for name in readers)]
-    sources += [table] if (table := _table(name)) is not None else []
+    sources += [table] if (table := table_of(name)) is not None else []
     digest = hashlib.sha256()
     for path in (*sources, *sorted(path for path in file.parent.rglob("*") if path.is_file())):
         digest.update(path.name.encode() + path.read_bytes())

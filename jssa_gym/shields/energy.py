@@ -40,11 +40,12 @@ class RowFilter(SafetyFilter):
         failsafe: FailsafeParams | None = None,
     ) -> None:
         super().__init__(robot, dt, params, viability=viability, failsafe=failsafe)
-        self._projector = ExactProjector(robot.n, weight)
+        self.projector = ExactProjector(robot.n, weight)
+        """Who satisfies the rows."""
 
     def settings(self) -> StepSettings:
         """The numbers that the control step goes by."""
-        return super().settings()._replace(**self._projector.metric())
+        return super().settings()._replace(**self.projector.metric())
 
 
 @dataclass(frozen=True, slots=True)

@@ -228,7 +228,7 @@ class SafetyFilter:
         return Records(arm, self.settings(), self.proposal)
 
     @cached_property
-    def _reading(self) -> Reading:
+    def reading(self) -> Reading:
         """Takes down scenes in the records."""
         settings = self.records.settings
         exact, fixed = bool(np.any(settings.tolerance == 0.0)), settings.guarded or settings.static_rows
@@ -286,7 +286,7 @@ class SafetyFilter:
 
     def reset(self, scene: Scene) -> None:
         """Forget the past: a new episode begins with ``scene``."""
-        reading = self._reading
+        reading = self.reading
         self._alarm.well()
         self.compile_ahead()
         reading.forget()
@@ -306,7 +306,7 @@ class SafetyFilter:
                 is no newer than the last one.
         """
         if self.failsafe is not None:
-            rebase(self.records, self._reading, scene)
+            rebase(self.records, self.reading, scene)
 
     def decide(self, scene: Scene | None, nominal: Array, path: Offered | None = None) -> Decision:
         """The jerk to apply in this step.
@@ -329,7 +329,7 @@ class SafetyFilter:
         """
         nominal, decided = checked_action(nominal, self.robot.n), False
         try:
-            self._reading.read(scene)
+            self.reading.read(scene)
             view, decision = self.records.view, None
             view.nominal[0], view.now[0]["alternatives"] = nominal, 0
             if path is not None:
@@ -363,7 +363,7 @@ class SafetyFilter:
         view = self.records.view
         numbers, jerk = view.told.item(), view.jerk.copy()
         status, phi, distance, row, column, slack, rows = numbers[:7]
-        column = self._reading.shown(column)
+        column = self.reading.shown(column)
         if status == 0 and proposed is None:  # NOMINAL, the usual case: there is nothing to say
             self._alarm.well()
             margin = numbers[-1]
@@ -408,7 +408,7 @@ class SafetyFilter:
     def _say(self, told: Told, nominal: Array) -> str:
         """The reason in words; it is decided already, whatever names turn out to be."""
         try:
-            return in_words(told, nominal, self.robot, self.records, self._reading)
+            return in_words(told, nominal, self.robot, self.records, self.reading)
         except Exception as error:
             return f"{REASONS.get(abs(told.code), '')} ({type(error).__name__})"
 
@@ -432,7 +432,7 @@ class SafetyFilter:
         """Go on with the stored stop or, without one, brake from where the arm is read or must have gone."""
         view = self.records.view
         if not self.records.settings.guarded:
-            lost = self._reading.read_joints(part_of(scene, "robot")[0])
+            lost = self.reading.read_joints(part_of(scene, "robot")[0])
             if not lost and np.isfinite(view.joints).all():
                 view.state[:] = view.joints
             else:  # where the last jerk must have led

@@ -78,7 +78,7 @@ class InPlace:
         try:
             if not filter.compiled:
                 return Outcome(*self._asked(scene, nominal, wrong))
-            filter._reading.read(scene)
+            filter.reading.read(scene)
             view = filter.records.view
             view.nominal[0] = nominal
             loop.decide_all(view.arms, view.nominal, ONE)

@@ -83,7 +83,8 @@ class JSSAFilter(SafetyFilter):
         self.recovery = float(recovery)
         self.index: IndexParams = self.params
         self.rows, self.gradient, self.static_rows = rows, gradient, static_rows
-        self._projector = PROJECTORS[projector](robot.n, weight)
+        self.projector = PROJECTORS[projector](robot.n, weight)
+        """Who satisfies the rows; other than the exact one, it is asked in every step."""
         self._foreign = projector != "exact"
         self._authority = min_authority * self.index.lambda2 * self.dt
 
@@ -101,7 +102,7 @@ class JSSAFilter(SafetyFilter):
 
     def settings(self) -> layout.StepSettings:
         """The numbers that the control step goes by."""
-        return super().settings()._replace(static_rows=self.static_rows, **self._projector.metric())
+        return super().settings()._replace(static_rows=self.static_rows, **self.projector.metric())
 
     def respond(self, tick: Tick) -> Decision:
         """The compiled step's rows, projected by whatever projector this filter has."""
@@ -131,7 +132,7 @@ class JSSAFilter(SafetyFilter):
         while stage == PROJECT:
             count = int(told["rows"][0])
             rows = HalfSpaces(work.L[:count], work.S[:count])
-            jerk, feasible, left, note = self._projector.project(tick.nominal, rows, tick.lower, tick.upper)
+            jerk, feasible, left, note = self.projector.project(tick.nominal, rows, tick.lower, tick.upper)
             work.wanted[:] = jerk
             stage = loop.after_projection(view.arms, view.nominal, bool(feasible), float(left), first)
         return stage, note

@@ -58,7 +58,7 @@ def in_words(told: Told, nominal: Array, robot: RobotModel, records: Records, re
         return REASONS[told.code]
     if codes.LIMITS <= told.code <= codes.ENTRY:
         return f"no verified stop: {_obstacle(told, robot, records, reading)}"
-    reason = _fault(told, records, reading)
+    reason = fault_in_words(told, records, reading)
     if records.settings.guarded and told.code != codes.NOT_FINITE_NOMINAL and not np.isfinite(nominal).all():
         reason = f"{BAD_INPUTS[1]}; {reason}"
     return f"{reason}; no verified stop" if told.unverified else reason
@@ -140,12 +140,12 @@ def _outside(robot: RobotModel, records: Records) -> str:
     return ""
 
 
-def _fault(told: Told, records: Records, reading: Reading) -> str:
+def fault_in_words(told: Told, records: Records, reading: Reading) -> str:
     """What failed."""
     code, wrong = told.code, reading.wrong
     arm, now = records.memory.arm[0], float(records.scene.now[0]["time"])
     if code < 0:
-        why = _fault(told._replace(code=-code), records, reading)
+        why = fault_in_words(told._replace(code=-code), records, reading)
         return f"{why}; right again, but not for long enough to be believed"
     if code == codes.SCENE:
         return f"the scene does not fit: {FIXTURES[told.detail] or wrong['people'] or wrong['fixtures']}"

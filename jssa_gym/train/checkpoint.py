@@ -84,7 +84,7 @@ def write_checkpoint(
                     raise CheckpointError(f"{name} has {size:,} bytes, more than {LARGEST:,}")
                 sums[name] = _sha256(file)
         body = {"version": _VERSION, "steps": steps, "files": sums, "data": dict(data)}
-        text = json.dumps({**body, "sha256": _digest(body)}, indent=2, allow_nan=False) + "\n"
+        text = json.dumps({**body, "sha256": digest_of(body)}, indent=2, allow_nan=False) + "\n"
         write_whole(unfinished / MANIFEST, text)
         _to_disk(unfinished)
         shutil.rmtree(target, ignore_errors=True)  # of the same steps: a bad one that is written anew
@@ -112,7 +112,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         checksum = body.pop("sha256")
         if body["version"] != _VERSION:
             raise CheckpointError(f"{path} is of version {body['version']!r}, this code reads {_VERSION}")
-        if checksum != _digest(body):
+        if checksum != digest_of(body):
             raise CheckpointError(f"{path} was changed: its own checksum differs")
         for name, expected in body["files"].items():
             if (folder / name).parent != folder or name in ("", ".", ".."):
@@ -158,7 +158,8 @@ def _all(folder: Path) -> list[Path]:
         raise CheckpointError(f"cannot read {folder}: {error.strerror}") from error
 
 
-def _digest(body: Mapping[str, Any]) -> str:
+def digest_of(body: Mapping[str, Any]) -> str:
+    """A manifest's own checksum, of all the rest of it."""
     return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
 
 

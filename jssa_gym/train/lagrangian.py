@@ -89,7 +89,8 @@ class ConstrainedPPO(PPO):
         states, tensors = super()._get_torch_save_params()
         return [*states, "cost_critic", "cost_optimizer"], [*tensors, "multiplier"]
 
-    def _cost_to_come(self, observations: Any) -> NDArray[np.float32]:
+    def cost_to_come(self, observations: Any) -> NDArray[np.float32]:
+        """What the critic expects from observations on, discounted."""
         with torch.no_grad():
             inputs = torch.as_tensor(observations, dtype=torch.float32, device=self.device)
             return self.cost_critic(inputs).squeeze(-1).cpu().numpy()
@@ -100,7 +101,7 @@ class ConstrainedPPO(PPO):
         ahead = np.zeros(len(infos), np.float32)
         for e, info in enumerate(infos):
             if info.get("TimeLimit.truncated", False):  # the episode would have gone on
-                ahead[e] = self.gamma * self._cost_to_come(info["terminal_observation"])
+                ahead[e] = self.gamma * self.cost_to_come(info["terminal_observation"])
         self._costs.append(np.array([info[COST] for info in infos], np.float32))
         self._ahead.append(ahead)
 
@@ -111,11 +112,17 @@ class ConstrainedPPO(PPO):
         self._costs, self._ahead = [], []
         going = super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps)
         if going:
-            self._weigh(rollout_buffer)
+            self.weigh(rollout_buffer, np.array(self._costs), np.array(self._ahead))
         return going
 
-    def _weigh(self, rollout: RolloutBuffer) -> None:
-        costs = np.array(self._costs)
+    def weigh(self, rollout: RolloutBuffer, costs: NDArray[np.float32], ahead: NDArray[np.float32]) -> None:
+        """Adapt the multiplier, put the cost into a rollout's advantages, and keep what the cost's critic is to learn.
+
+        Args:
+            rollout: As PPO has left it.
+            costs: Of its steps, shape (steps, environments).
+            ahead: What would still have come where an episode was cut off, else 0; same shape.
+        """
         share = self.limit.adapt(self.multiplier, costs)
         self.logger.record("constraint/cost_rate", share)
         self.logger.record("constraint/multiplier", self.multiplier.item())
@@ -128,22 +135,22 @@ class ConstrainedPPO(PPO):
             self.gamma,
             self.n_envs,
         )
-        own.rewards, own.episode_starts = costs + np.array(self._ahead), rollout.episode_starts
-        own.values = self._cost_to_come(rollout.observations)
-        last = torch.as_tensor(self._cost_to_come(self._last_obs))
+        own.rewards, own.episode_starts = costs + ahead, rollout.episode_starts
+        own.values = self.cost_to_come(rollout.observations)
+        last = torch.as_tensor(self.cost_to_come(self._last_obs))
         assert self._last_episode_starts is not None
         own.compute_returns_and_advantage(last, self._last_episode_starts)
         weight, gain = self.multiplier.item(), rollout.advantages
         gain = (gain - gain.mean()) / (gain.std() + 1e-8)
         rollout.advantages = (gain - weight * (own.advantages - own.advantages.mean())) / (1.0 + weight)
-        self._seen = rollout.observations.reshape(-1, rollout.observations.shape[-1]).copy()
-        self._targets = own.returns.reshape(-1).astype(np.float32)
+        self.seen = rollout.observations.reshape(-1, rollout.observations.shape[-1]).copy()
+        self.targets = own.returns.reshape(-1).astype(np.float32)
 
     def train(self) -> None:
         """Update the policy and its critic as PPO does, then the cost's critic."""
         super().train()
         self._update_learning_rate(self.cost_optimizer)
-        seen, targets = (torch.as_tensor(part, device=self.device) for part in (self._seen, self._targets))
+        seen, targets = (torch.as_tensor(part, device=self.device) for part in (self.seen, self.targets))
         for _ in range(self.n_epochs):
             for chosen in torch.randperm(len(seen)).split(self.batch_size):
                 loss = nn.functional.mse_loss(self.cost_critic(seen[chosen]).squeeze(-1), targets[chosen])

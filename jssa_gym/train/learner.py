@@ -36,16 +36,16 @@ def make_vec_env(config: TrainConfig) -> VecEnv:
     """The environments, stepped together."""
     if config.steps_as_vector:
         return ArmVecEnv(training_vector(config))
-    functions: list[Callable[[], gym.Env]] = [partial(_monitored, make) for make in makers(config)]
+    functions: list[Callable[[], gym.Env]] = [partial(monitored, make) for make in makers(config)]
     if config.processes:
         try:
-            return _Processes(functions, start_method="spawn")
+            return Processes(functions, start_method="spawn")
         except (EOFError, BrokenPipeError, ConnectionResetError, RuntimeError) as error:
             raise WorkerError(f"{UNABLE}; or train without processes") from error
     return DummyVecEnv(functions)
 
 
-class _Processes(SubprocVecEnv):
+class Processes(SubprocVecEnv):
     """Environments in processes of their own, which give what they would in one."""
 
     def step_wait(self) -> VecEnvStepReturn:
@@ -53,7 +53,8 @@ class _Processes(SubprocVecEnv):
         return observations, rewards.astype(np.float32), dones, infos  # as DummyVecEnv has it
 
 
-def _monitored(make: Callable[[], gym.Env]) -> gym.Env:
+def monitored(make: Callable[[], gym.Env]) -> gym.Env:
+    """An environment with its episodes counted, in whatever process it is made."""
     if multiprocessing.parent_process() is not None:
         # the parent alone answers Ctrl-C, and ends its environments
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -132,13 +132,13 @@ def _train(config: TrainConfig, folder: Path, tell: Say, watch: Watch | None, de
     logger: Logger | None = None
     try:
         if found is not None:
-            history = _restore(model, found)
+            history = restore(model, found)
             tell(f"going on from {found.steps:,} policy steps")
         logger = _logger(folder / LOGS)
         model.set_logger(logger)
         counter = _Counter(watch)
         while model.num_timesteps < config.steps:
-            history = _leg(model, config, folder, history, counter, command)
+            history = learn_leg(model, config, folder, history, counter, command)
             last = history[-1]
             tell(
                 f"{last.steps:,} steps: {last.eval_safe:.0%} success without a violation, "
@@ -176,7 +176,8 @@ def _logger(folder: Path) -> Logger:
         raise CheckpointError(f"cannot write to {folder}: {error.strerror or error}") from error
 
 
-def _restore(model: BaseAlgorithm, found: Checkpoint) -> tuple[Leg, ...]:
+def restore(model: BaseAlgorithm, found: Checkpoint) -> tuple[Leg, ...]:
+    """Put a model where a checkpoint says it was; the legs until then."""
     history = from_rows(found.data.get("history", []))
     if not history or history[-1].steps != found.steps:
         raise CheckpointError(f"{found.folder} has a history that does not end with its {found.steps:,} steps")
@@ -188,7 +189,7 @@ def _restore(model: BaseAlgorithm, found: Checkpoint) -> tuple[Leg, ...]:
     return history
 
 
-def _leg(
+def learn_leg(
     model: BaseAlgorithm,
     config: TrainConfig,
     folder: Path,

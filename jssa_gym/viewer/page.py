@@ -63,18 +63,21 @@ class Page:
     """
 
     def __init__(self, session: Session, door: Door, listening: socket.socket, shelf: Shelf) -> None:
-        self._shelf = shelf
+        self.shelf = shelf
         self.runner = Runner(session)
-        self._speech = Speech()
-        self.server = Server(door, self._speech, listening)
+        self.speech = Speech()
+        """What visitors may say."""
+        self.server = Server(door, self.speech, listening)
         self._viser = self.server.viser
         self.sent = 0
         """Times that the scene was sent."""
-        self._playback: Playback | None = None
+        self.playback: Playback | None = None
+        """The saved episode that is shown; None for what is played."""
         self._scrub, self._rolled = 0.0, 0
         self._over = threading.Event()
         self._keeping = threading.Lock()  # held while something is written
-        self._news = ""
+        self.news = ""
+        """What became of what was to be kept."""
         self._set_up()
         self.server.on_refusal = self._remind
         self.server.on_change = self._greet
@@ -104,23 +107,23 @@ class Page:
         gui.main_panel.dock_right()
         gui.set_panel_label("jssa-gym view")
         self._status = gui.add_markdown("")
-        self._told = gui.add_markdown("")
+        self.told = gui.add_markdown("")
         self._ribbon = gui.add_image(np.full((24, 256, 3), 235, np.uint8), format="png")
-        self.panel = ControlPanel(gui, self._speech, self.runner.submit, self.runner.snapshot.choices)
+        self.panel = ControlPanel(gui, self.speech, self.runner.submit, self.runner.snapshot.choices)
         with gui.add_folder("Keep"):
             enter = self.panel.enter
-            self._record = enter(gui.add_button("record a film"), switch, lambda value: self._toggle_film())
-            enter(gui.add_button("save the episode", hint="the last minute"), switch, lambda value: self._save())
-            names = (_LIVE, *self._shelf.episodes())
-            self._episode = gui.add_dropdown("episode", names, initial_value=_LIVE, hint="a saved one can be scrubbed")
-            enter(self._episode, one_of(lambda: self._episode.options), self._open)
+            self._record = enter(gui.add_button("record a film"), switch, lambda value: self.toggle_film())
+            enter(gui.add_button("save the episode", hint="the last minute"), switch, lambda value: self.save())
+            names = (_LIVE, *self.shelf.episodes())
+            self.episode = gui.add_dropdown("episode", names, initial_value=_LIVE, hint="a saved one can be scrubbed")
+            enter(self.episode, one_of(lambda: self.episode.options), self._open)
             self._line = gui.add_slider("time [s]", 0.0, 1.0, DT, 0.0, disabled=True)
             enter(self._line, lambda value: number(0.0, self._line.max)(value), self._set_scrub)
         with gui.add_folder("Curves"):
             enter(gui.add_checkbox("draw them", True), switch, self._set_curves)
             self._charts = Charts(gui)
         self._visitors = gui.add_markdown("")
-        self.picture = Picture(server, self._speech, self._drag)
+        self.picture = Picture(server, self.speech, self._drag)
 
     def _look_at(self, arms: int) -> None:
         """Put everybody's camera where all arms are in sight, when there are more or fewer of them."""
@@ -163,7 +166,7 @@ class Page:
             now = time.perf_counter()
             try:
                 live = self.runner.snapshot
-                playback = self._playback
+                playback = self.playback
                 snapshot = live if playback is None else playback.at(self._scrub)
                 self._look_at(len(snapshot.arms))
                 self.sent += self.picture.show(snapshot, self.panel.layers)
@@ -196,12 +199,13 @@ class Page:
         if snapshot.recording is not None:
             clock += f" **recording {snapshot.recording:.1f} s**"
         self._status.content = "\n\n".join([clock, *lines])
-        news = snapshot.message or self._news
-        self._told.content = f"⚠ {_plain(news)}" if snapshot.message else f"*{_plain(news)}*" if news else ""
+        news = snapshot.message or self.news
+        self.told.content = f"⚠ {_plain(news)}" if snapshot.message else f"*{_plain(news)}*" if news else ""
 
     # ---- films and episodes ----------------------------------------------------------------------------
 
-    def _toggle_film(self) -> None:
+    def toggle_film(self) -> None:
+        """Begin a film, or end it."""
         if self.runner.snapshot.recording is not None:
             self._end_film()
         elif self.runner.snapshot.answered >= self._rolled:  # else what was asked for last is still to be done
@@ -211,13 +215,14 @@ class Page:
         def end(session: Session) -> None:
             # what is recorded stays so while something else is written
             if not self._busy() and (traces := session.cut()):
-                self._keep(self._shelf.keep_film, traces, session.robot)
+                self._keep(self.shelf.keep_film, traces, session.robot)
 
         if self.runner.snapshot.answered >= self._rolled:
             self._rolled = self.runner.submit(end)
 
-    def _save(self) -> None:
-        self.runner.submit(lambda session: self._keep(self._shelf.keep_episodes, session.traces(), session.robot))
+    def save(self) -> None:
+        """Keep the episode until now."""
+        self.runner.submit(lambda session: self._keep(self.shelf.keep_episodes, session.traces(), session.robot))
 
     def _keep(self, how: Callable[[Sequence[Trace], RobotModel], list[Path]], traces: list[Trace], robot: Any) -> None:
         """Write files in a thread of its own, so that nothing waits; then hand them to who drives.
@@ -230,21 +235,21 @@ class Page:
 
         def work() -> None:
             try:
-                self._news = "writing ..."
+                self.news = "writing ..."
                 written = how(traces, robot) if traces else []
-                self._news = f"wrote {', '.join(path.name for path in written)}" if written else "nothing to keep yet"
+                self.news = f"wrote {', '.join(path.name for path in written)}" if written else "nothing to keep yet"
                 client = self._viser.get_clients().get(
                     -1 if self.server.wheel.driver is None else self.server.wheel.driver
                 )
                 for path in written:
                     if client is not None:
                         client.send_file_download(path.name, path.read_bytes(), save_immediately=True)
-                self._episode.options = (_LIVE, *self._shelf.episodes())
+                self.episode.options = (_LIVE, *self.shelf.episodes())
             except (JSSAGymError, OSError) as error:
-                self._news = str(error)
+                self.news = str(error)
             except Exception as error:
                 _logger.exception("nothing was kept")
-                self._news = f"nothing was kept: {error}"
+                self.news = f"nothing was kept: {error}"
             finally:
                 self._keeping.release()
 
@@ -254,23 +259,23 @@ class Page:
         """Whether something is written at present; that is said."""
         busy = self._keeping.locked()
         if busy:
-            self._news = "still writing: ask again when that is done"
+            self.news = "still writing: ask again when that is done"
         return busy
 
     def _open(self, name: str) -> None:
         if name == _LIVE:
-            self._playback, self._line.disabled = None, True
+            self.playback, self._line.disabled = None, True
             self.runner.submit(lambda session: setattr(session, "paused", False))
             return
         live = self.runner.snapshot
         try:
-            self._playback = Playback(self._shelf.folder / name, live.choices, live.robot)
+            self.playback = Playback(self.shelf.folder / name, live.choices, live.robot)
         except JSSAGymError as error:
-            self._news = str(error)
-            self._episode.value = _LIVE
+            self.news = str(error)
+            self.episode.value = _LIVE
             return
         self._scrub = 0.0
-        self._line.max, self._line.value, self._line.disabled = self._playback.length, 0.0, False
+        self._line.max, self._line.value, self._line.disabled = self.playback.length, 0.0, False
         self.runner.submit(lambda session: setattr(session, "paused", True))
 
     def _set_scrub(self, value: float) -> None:

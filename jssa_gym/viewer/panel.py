@@ -57,8 +57,9 @@ class ControlPanel:
         self._choices, self._asked = choices, 0
         self.layers = set(SHOWN)
         self.curves = True
-        self._handles: dict[str, Any] = {}
-        self._entered: dict[str, Any] = {}
+        self.handles: dict[str, Any] = {}
+        """Those of what is played and of numbers, by name."""
+        self.entered: dict[str, Any] = {}
         """All of them, by viser's identifier."""
         self._what(choices)
         self._shields(choices)
@@ -71,7 +72,7 @@ class ControlPanel:
     def enter(self, handle: Any, check: Check, act: Callable[[Any], None]) -> Any:
         """Let a widget count: with values that pass the check, its value goes to ``act``."""
         self._speech.widgets[handle._impl.uuid] = check
-        self._entered[handle._impl.uuid] = handle
+        self.entered[handle._impl.uuid] = handle
 
         # as a coroutine, so that one comes after the other; none of them takes long
         async def changed(event: Any) -> None:
@@ -84,7 +85,7 @@ class ControlPanel:
     def _dropdown(self, name: str, label: str, options: Sequence[str], value: str, hint: str) -> None:
         options = tuple(dict.fromkeys((*options, value)))
         handle = self._gui.add_dropdown(label, options, initial_value=value, hint=hint)
-        self._handles[name] = self.enter(handle, one_of(lambda: handle.options), lambda value: self._choose())
+        self.handles[name] = self.enter(handle, one_of(lambda: handle.options), lambda value: self._choose())
 
     def _button(self, label: str, act: Callable[[], None], hint: str) -> Any:
         return self.enter(self._gui.add_button(label, hint=hint), switch, lambda value: act())
@@ -111,7 +112,7 @@ class ControlPanel:
             self._dropdown("second", "second shield", SHIELDS, other.name, "of the second arm")
             for name, (label, low, high, step) in _RANGES.items():
                 handle = self._gui.add_slider(label, low, high, step, low, disabled=True)
-                self._handles[name] = self.enter(
+                self.handles[name] = self.enter(
                     handle, number(low, high), lambda value, name=name: self._changed(name, value)
                 )
             self._button("their own numbers", self._unchanged, "as the shields have them by themselves")
@@ -119,7 +120,7 @@ class ControlPanel:
 
     def _time(self) -> None:
         with self._gui.add_folder("Time"):
-            self._pause = self._checkbox("pause", False, lambda value: self._do(_set("paused", value)), "")
+            self.pause = self._checkbox("pause", False, lambda value: self._do(_set("paused", value)), "")
             self._button("one step", lambda: self._do(_step), "of 8 ms, while paused")
             self._button("new episode", lambda: self._do(lambda session: session.reset(session.seed + 1)), "")
             self._button("the same again", lambda: self._do(lambda session: session.reset()), "")
@@ -139,7 +140,7 @@ class ControlPanel:
     def _shown(self) -> None:
         with self._gui.add_folder("Layers", expand_by_default=False):
             for name, words in LAYERS.items():
-                self._checkbox(words, name in SHOWN, lambda value, name=name: self._layer(name, value), "")
+                self._checkbox(words, name in SHOWN, lambda value, name=name: self.set_layer(name, value), "")
 
     # ---- doing -----------------------------------------------------------------------------------------
 
@@ -147,10 +148,10 @@ class ControlPanel:
         self._asked = self._submit(command)
 
     def _choose(self, both: bool | None = None) -> None:
-        names = [self._handles["shield"].value]
+        names = [self.handles["shield"].value]
         if self._both.value if both is None else both:
-            names.append(self._handles["second"].value)
-        picked = {name: self._handles[name].value for name in ("task", "robot", "human", "policy")}
+            names.append(self.handles["second"].value)
+        picked = {name: self.handles[name].value for name in ("task", "robot", "human", "policy")}
         changes, seed = dict(self._changes), self._choices.seed
 
         def choose(session: Any) -> None:
@@ -168,7 +169,8 @@ class ControlPanel:
         self._changes.clear()
         self._choose()
 
-    def _layer(self, name: str, value: bool) -> None:
+    def set_layer(self, name: str, value: bool) -> None:
+        """Show a layer of the scene, or not."""
         (self.layers.add if value else self.layers.discard)(name)
         overlays = ("stop" in self.layers, "reach" in self.layers)
         self._do(_set("overlays", overlays))
@@ -186,17 +188,17 @@ class ControlPanel:
         self._changes = dict(choices.shields[0].changes)
         numbers = {**snapshot.arms[-1].numbers, **snapshot.arms[0].numbers}
         for name in _RANGES:
-            if self._handles[name].disabled != (name not in numbers):
-                self._handles[name].disabled = name not in numbers
+            if self.handles[name].disabled != (name not in numbers):
+                self.handles[name].disabled = name not in numbers
         for name, value in (wanted | numbers).items():
-            _bring(self._handles[name], value)
+            _bring(self.handles[name], value)
         _bring(self._both, len(shields) > 1)
-        _bring(self._pause, snapshot.paused)
+        _bring(self.pause, snapshot.paused)
         _bring(self._clamp, snapshot.clamped)
 
     def say_again(self, uuid: str) -> None:
         """Send a switch's value once more: somebody moved it whose moves do not count."""
-        handle = self._entered[uuid]
+        handle = self.entered[uuid]
         if isinstance(handle, viser.GuiInputHandle):
             update = GuiUpdateMessage(uuid, {"value": handle.value})
             handle._impl.gui_api._websock_interface.queue_message(update)

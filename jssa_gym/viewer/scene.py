@@ -222,11 +222,11 @@ class Picture:
 
             # as a coroutine: others of viser's callbacks may overtake each other
             async def dragged(event: Any, parts: tuple[str, ...] = parts) -> None:
-                self._follow(event, parts[event.instance_index], np.array([0.0, aside, 0.0]))
+                self.follow(event, parts[event.instance_index], np.array([0.0, aside, 0.0]))
 
             handle.on_drag("left")(dragged)
 
-    def _follow(self, event: Any, part: str, origin: Array) -> None:
+    def follow(self, event: Any, part: str, origin: Array) -> None:
         """Move a part to where the pointer is, in the plane of the floor, or a hand in that of the screen."""
         people, pointer = self._people, np.array(event.end_position) - origin
         if event.phase == "end" or people is None:

@@ -39,7 +39,8 @@ class Session:
         self.overlays = (False, False)
         self.number, self.epoch = 0, 0
         self.dragged = Dragged()
-        self._sides: tuple[Side, ...] = ()
+        self.sides: tuple[Side, ...] = ()
+        """The arms, each beside the same person; replaced as a whole."""
         self.choose(choices)
 
     # ---- commands --------------------------------------------------------------------------------------
@@ -60,18 +61,18 @@ class Session:
         except JSSAGymError:  # a task may find no goal
             for side in sides:
                 side.close()
-            self._keep_to_what_is_assumed(self._sides)
+            self._keep_to_what_is_assumed(self.sides)
             raise
-        for side in self._sides:
+        for side in self.sides:
             side.close()
-        self.choices, self._sides, self.human = choices, sides, human
+        self.choices, self.sides, self.human = choices, sides, human
         self.seed = choices.seed
         self.epoch += 1
 
     def reset(self, seed: int | None = None) -> None:
         """Begin an episode; by default the same again."""
         self.seed = self.choices.seed if seed is None else seed
-        self._begin(self._sides, self.seed)
+        self._begin(self.sides, self.seed)
 
     def _begin(self, sides: tuple[Side, ...], seed: int) -> None:
         self._keep_to_what_is_assumed(sides)
@@ -104,35 +105,35 @@ class Session:
 
     def roll(self) -> None:
         """Begin to record for a film."""
-        for side in self._sides:
+        for side in self.sides:
             side.roll()
 
     def cut(self) -> list[Trace]:
         """End the recording: an episode of every arm, all of the same length; none if nothing was recorded."""
-        return [trace for side in self._sides if (trace := side.cut()) is not None]
+        return [trace for side in self.sides if (trace := side.cut()) is not None]
 
     def traces(self) -> list[Trace]:
         """The episode until now, or its last minute, of every arm."""
-        return [side.recorder.trace() for side in self._sides if len(side.recorder)]
+        return [side.recorder.trace() for side in self.sides if len(side.recorder)]
 
     @property
     def robot(self) -> Any:
         """The arm, where it stands."""
-        return self._sides[0].robot
+        return self.sides[0].robot
 
     @property
     def world(self) -> Any:
         """MuJoCo's model of arm and table, for what they look like."""
-        return self._sides[0].base.world
+        return self.sides[0].base.world
 
     # ---- time ------------------------------------------------------------------------------------------
 
     def step(self) -> None:
         """One control step of every arm; some time after success, the next episode begins."""
-        for side in self._sides:
+        for side in self.sides:
             side.step()
         self.number += 1
-        if self.again and all(side.succeeded * DT >= PAUSE for side in self._sides) and self.choices.task != "home":
+        if self.again and all(side.succeeded * DT >= PAUSE for side in self.sides) and self.choices.task != "home":
             self.reset(self.seed + 1)
 
     def snapshot(self, answered: int = 0, message: str = "") -> Snapshot:
@@ -142,7 +143,7 @@ class Session:
             answered: How many commands were done until now.
             message: What went wrong with the last one.
         """
-        first = self._sides[0]
+        first = self.sides[0]
         take = first.take
         return Snapshot(
             answered=answered,
@@ -152,7 +153,7 @@ class Session:
             choices=self.choices,
             robot=self.robot,
             people=first.base.scene.human,
-            arms=tuple(side.view(self._doubt(side), self.overlays) for side in self._sides),
+            arms=tuple(side.view(self._doubt(side), self.overlays) for side in self.sides),
             paused=self.paused,
             factor=self.factor,
             clamped=self.dragged.clamped,
@@ -174,7 +175,7 @@ class Session:
     def _doubt_of_people(self, assumed: FailsafeParams) -> str:
         if self.choices.human == DRAGGED:
             return "" if self.dragged.clamped else "the person may be faster than assumed"
-        names = self._sides[0].base.scene.human.names  # every side has the same people
+        names = self.sides[0].base.scene.human.names  # every side has the same people
         for name in dict.fromkeys(names):
             for speed, bound in zip(self.human.end_speeds_of(name), assumed.end_speeds_of(name), strict=True):
                 if speed > bound * (1.0 + 1e-6):
@@ -183,7 +184,7 @@ class Session:
 
     def close(self) -> None:
         """Free what the environments hold."""
-        for side in self._sides:
+        for side in self.sides:
             side.close()
 
 

@@ -550,11 +550,11 @@ def test_the_map_names_the_pair_that_loses_least():
 @pytest.mark.parametrize("share", [0.5, 0.25])
 def test_a_finer_grid_holds_the_best_pair_itself(share):
     axis = np.geomspace(0.5, 8.0, 5)
-    inside = lambda_map._around(axis, axis[2], share)
+    inside = lambda_map.around(axis, axis[2], share)
     assert inside[2] == axis[2]  # to the bit, or the first, luckier, draw would be kept beside it
     np.testing.assert_allclose(inside[1:] / inside[:-1], 2.0**share)
     for edge in (axis[0], axis[-1]):
-        near = lambda_map._around(axis, edge, share)
+        near = lambda_map.around(axis, edge, share)
         assert len(near) == 3
         assert edge in near
         assert np.all((axis[0] <= near) & (near <= axis[-1]))

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from jssa_gym.cli import _parse, main
+from jssa_gym.cli import main, parse
 from jssa_gym.cli.audit import AuditLog
 from jssa_gym.humans import Body, Recording
 from jssa_gym.robots import lr_mate_200id_7l
@@ -31,7 +31,7 @@ def folder(tmp_path):
 def run(*words):
     """Exit code of a command in this process."""
     try:
-        _parse([str(word) for word in words]).run()
+        parse([str(word) for word in words]).run()
     except SystemExit as end:
         return end.code
     return 0

@@ -327,7 +327,7 @@ def test_bench_says_why_cbfpy_is_missing(monkeypatch, capsys, tmp_path, installe
     peer = tmp_path / "cbfpy_peer.py"
     if clone:
         peer.write_text("print('times of another')")
-    monkeypatch.setattr(stopwatch, "_CBFPY", peer)
+    monkeypatch.setattr(stopwatch, "CBFPY", peer)
     monkeypatch.setattr(stopwatch.importlib.util, "find_spec", lambda name: object() if installed else None)
     Bench(compile=False).run()
     out, err = capsys.readouterr()

@@ -11,7 +11,7 @@ import pytest
 from places import TESTS
 
 from jssa_gym import plots
-from jssa_gym.cli import _parse
+from jssa_gym.cli import parse
 from jssa_gym.cli.compare import Compare
 from jssa_gym.cli.evaluate import Evaluate, Separation
 from jssa_gym.cli.replay import Replay
@@ -65,7 +65,7 @@ def test_the_command_for_the_worst_episode_can_be_pasted(tmp_path, capsys):
     Evaluate(filter="none", human="none", episodes=1, seconds=0.2, out=tmp_path / "two words").run()
     (line,) = (x for x in capsys.readouterr().out.splitlines() if x.startswith("one of the worst: "))
     words = shlex.split(line.removeprefix("one of the worst: "))
-    assert _parse(words[1:]).episode.parent == tmp_path / "two words" / "traces"
+    assert parse(words[1:]).episode.parent == tmp_path / "two words" / "traces"
 
 
 def test_a_policy_of_the_working_directory_is_found(tmp_path, monkeypatch, capsys):
@@ -163,8 +163,8 @@ def test_compare_writes_a_page_with_its_own_command(folder, capsys):
     assert words[words.index("--filters") + 1 : words.index("--humans")] == ["jssa+stop", "none"]
     assert float(words[words.index("--seconds") + 1]) == 1.6
     told = Compare(seed=12_345_678, seconds=1.2345678, separation=Separation(0.2, 2.0, 0.12345678, 0.05))
-    words = shlex.split(told._command())
-    assert _parse(words[1:]) == told
+    words = shlex.split(told.command_line())
+    assert parse(words[1:]) == told
     again = Compare(filters=("jssa+stop", "none"), humans=("pursuit",), episodes=2, seconds=1.6, out=folder, json=True)
     again.run()
     best, other = json.loads(capsys.readouterr().out)

@@ -74,7 +74,7 @@ def test_nobody_and_a_goal_are_told(alone):
 def test_the_beginning_of_a_contact_is_shown_and_held(alone, shielded):
     begin = int(np.flatnonzero(alone.contact)[0])
     shown = rows([alone, shielded])
-    assert shown.count(begin) == 1 + films._HOLD // films.EVERY
+    assert shown.count(begin) == 1 + films.HOLD // films.EVERY
     assert shown == sorted(shown)
     assert set(range(0, 420, films.EVERY)) <= set(shown)
     assert pictures([alone]) == len(shown)
@@ -82,7 +82,7 @@ def test_the_beginning_of_a_contact_is_shown_and_held(alone, shielded):
     # one that comes and goes is held once
     flickers = changed(alone, slice(0, 100), contact=np.resize([True, True, False], 100))
     flickers = changed(flickers, slice(100, 420), contact=False)
-    assert pictures([flickers]) == 84 + films._HOLD // films.EVERY
+    assert pictures([flickers]) == 84 + films.HOLD // films.EVERY
 
 
 def test_a_short_contact_between_two_pictures_is_not_missed(shielded):
@@ -96,14 +96,14 @@ def test_columns_have_a_divider_and_a_contact_a_red_frame(alone, shielded, robot
     begin = int(np.flatnonzero(alone.contact)[0])
     one, other = (dataclasses.replace(trace, **cut(trace, begin - 5, begin + 5)) for trace in (alone, shielded))
     frames = list(film([one, other], robot, d_min=0.05))
-    assert len(frames) == pictures([one, other]) == 2 + films._HOLD // films.EVERY
+    assert len(frames) == pictures([one, other]) == 2 + films.HOLD // films.EVERY
     first, last = frames[0], frames[-1]
-    width, height = films._WIDTH, films._HEIGHT
-    assert first.shape == (34 + height + 46 + 14 + 46, 2 * width + films._DIVIDER, 3)
-    assert np.all(first[:, width : width + films._DIVIDER] == films._RULE)
+    width, height = films.WIDTH, films.HEIGHT
+    assert first.shape == (34 + height + 46 + 14 + 46, 2 * width + films.DIVIDER, 3)
+    assert np.all(first[:, width : width + films.DIVIDER] == films.RULE)
     edge = 34 + 2
     assert tuple(last[edge, 100]) == rgb(CONTACT)
-    assert tuple(last[edge, width + films._DIVIDER + 100]) != rgb(CONTACT)
+    assert tuple(last[edge, width + films.DIVIDER + 100]) != rgb(CONTACT)
     assert tuple(first[edge, 100]) != rgb(CONTACT)
     # held: nothing moves meanwhile
     for frame in frames[2:]:

@@ -170,7 +170,7 @@ def test_a_name_given_twice_is_refused(words, here, tmp_path):
 def test_a_policys_demo_tells_success_and_shows_something(here, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     asked = []
-    monkeypatch.setattr(demo, "_TRIED", 3)
+    monkeypatch.setattr(demo, "TRIED", 3)
     rollout = demo.rollout
 
     def seen(env, policy, *, seed, **options):

@@ -5,13 +5,13 @@ import shlex
 
 import pytest
 
-from jssa_gym.cli import _parse
+from jssa_gym.cli import parse
 from jssa_gym.exceptions import ParameterError
 
 
 def run(*words):
     """A command in this process."""
-    _parse([str(word) for word in words]).run()
+    parse([str(word) for word in words]).run()
 
 
 def test_an_evaluation_as_a_camera_sees_it_is_played_again_as_it_was(tmp_path, capsys):

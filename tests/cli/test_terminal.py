@@ -116,8 +116,8 @@ def test_workers_show_what_they_say(capfd):
 @pytest.mark.slow
 def test_environments_in_processes_show_what_they_say(capfd):
     learner = pytest.importorskip("jssa_gym.train.learner", reason="stable_baselines3 is not installed")
-    make = functools.partial(learner._monitored, picklable.loud_environment)
-    learner._Processes([make], start_method="spawn").close()
+    make = functools.partial(learner.monitored, picklable.loud_environment)
+    learner.Processes([make], start_method="spawn").close()
     err = capfd.readouterr().err
     assert obedient(err) == set()
     assert r"a name: \x1b[2J" in err

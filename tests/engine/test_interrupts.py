@@ -98,7 +98,7 @@ def test_errors_come_out_of_workers_and_keep_what_was_finished(jobs):
 
 @pytest.mark.long
 def test_a_worker_that_ends_by_itself_was_not_killed(monkeypatch):
-    monkeypatch.setattr(workers, "_LAST_BREATH", PATIENCE)  # an interpreter takes its time to end where much else runs
+    monkeypatch.setattr(workers, "LAST_BREATH", PATIENCE)  # an interpreter takes its time to end where much else runs
     with pytest.raises(WorkerError, match=r"ended by itself; what had ended .* is kept"):
         run(picklable.leaving, [1], 2, id)
 
@@ -122,7 +122,7 @@ def test_processes_that_are_killed_again_and_again_are_one_line_that_says_how_to
 
 @pytest.mark.long
 def test_a_process_that_is_killed_while_it_begins_in_place_of_another_is_replaced_too(tmp_path, monkeypatch):
-    class Frail(workers._Worker):
+    class Frail(workers.Worker):
         killed = 0
 
         def __init__(self, play, interrupts, task=None):
@@ -131,7 +131,7 @@ def test_a_process_that_is_killed_while_it_begins_in_place_of_another_is_replace
                 Frail.killed += 1
                 self.process.kill()
 
-    monkeypatch.setattr(workers, "_Worker", Frail)
+    monkeypatch.setattr(workers, "Worker", Frail)
     found = []
     run(picklable.dying_first, [(number, tmp_path) for number in range(3)], 2, found.append)
     assert Frail.killed == 2
@@ -238,9 +238,9 @@ def test_those_that_hang_are_waited_for_together(monkeypatch):
 
     monkeypatch.setattr(workers.time, "monotonic", lambda: now[0])
     hung = [Hung() for _ in range(5)]
-    workers._end(hung, workers._LAST_BREATH)
+    workers.end_all(hung, workers.LAST_BREATH)
     assert all(worker.killed for worker in hung)
-    assert now[0] == workers._LAST_BREATH
+    assert now[0] == workers.LAST_BREATH
 
 
 def test_work_can_be_done_in_a_thread():

@@ -32,7 +32,7 @@ def delivery(places, **options):
 
 def put(env, position, velocity=0.0):
     """Put the arm somewhere; a step without jerk then measures it there."""
-    env._state[0], env._state[1], env._state[2] = position, velocity, 0.0
+    env.state[0], env.state[1], env.state[2] = position, velocity, 0.0
     return env.step(np.zeros(6))
 
 
@@ -103,7 +103,7 @@ def test_deliveries_per_minute_count_until_the_last(places):
 def test_both_places_and_what_is_done_are_observed(places):
     (fetch, bring), points = places
     env = delivery(places, count=1)
-    seen = env._observation.slices
+    seen = env.layout.slices
     observation = put(env, fetch)[0]
     np.testing.assert_allclose(observation[seen["goal"]], 0.0, atol=1e-6)
     np.testing.assert_allclose(observation[seen["other"]], points[1] - points[0], atol=1e-6)
@@ -123,8 +123,10 @@ def test_drawn_places_are_apart_and_in_reach(name):
     found, rng, clear = [], np.random.default_rng(0), min(room(env.robot, env.planes, (0.01, 0.01)))
     for seed in range(15):
         env.reset(seed=seed)
-        fetch, bring = env._goal
-        np.testing.assert_array_equal(env.task.check_goal(env._goal, env.robot), env._goal)
+        goal = env.task.draw_goal(np.random.default_rng(seed), env.robot, env.planes)
+        fetch, bring = goal
+        np.testing.assert_array_equal(env.goal, fetch)
+        np.testing.assert_array_equal(env.task.check_goal(goal, env.robot), goal)
         assert 0.4 <= np.linalg.norm(fetch - bring) / reach_of(env.robot) <= 0.8
         found.append(fetch)
         for place in (fetch, bring):
@@ -181,7 +183,7 @@ def test_the_throughput_of_a_recording_is_that_of_info(places):
     script = iter([fetch] * 14 + [bring] * 14 + [fetch] * 40)
 
     def policy(observation):
-        env._state[0], env._state[1:] = next(script), 0.0
+        env.state[0], env.state[1:] = next(script), 0.0
         return np.zeros(6)
 
     trace = rollout(env, policy, steps=68, options={"goal": places[1]})
@@ -209,5 +211,5 @@ def test_a_vector_counts_legs_as_one_does(places):
             for name in ("legs", "deliveries", "per_minute"):
                 assert infos[f"deliver/{name}"][e] == info[f"deliver/{name}"], (k, name)
             assert infos["success"][e] == info["success"]
-            np.testing.assert_array_equal(envs._task.goal[e], env.goal)
+            np.testing.assert_array_equal(envs.goal_of(e), env.goal)
     assert infos["deliver/legs"].tolist() == [4, 1]

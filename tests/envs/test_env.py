@@ -145,8 +145,8 @@ def test_a_spec_rebuilds_the_shielded_environment(through_json):
     assert theirs.index == ours.index
     assert theirs.index.lambda1 == 3.0
     assert (theirs.rows, theirs.gradient, theirs.static_rows) == ("all", "exact", True)
-    assert type(theirs._projector) is type(ours._projector)
-    np.testing.assert_array_equal(theirs._projector.weight, ours._projector.weight)
+    assert type(theirs.projector) is type(ours.projector)
+    np.testing.assert_array_equal(theirs.projector.weight, ours.projector.weight)
     assert tuple(twin.unwrapped.terminate_on) == ("contact",)
     assert twin.unwrapped.d_min == 0.07
     for one, other in zip(play(env, 30), play(twin, 30), strict=True):
@@ -316,7 +316,7 @@ def test_without_a_human_the_human_entries_are_at_their_upper_bounds():
     assert info["contact"] is False
 
 
-def expected_observation(env, state, goal):
+def expected_observation(env, state, goal, places):
     """Every feature computed from the published numbers and the textbook reference, unclipped."""
     q, v, a = state
     low, high = np.radians([(-170, 170), (-100, 145), (-70, 213), (-190, 190), (-125, 125), (-360, 360)]).T
@@ -349,7 +349,7 @@ def expected_observation(env, state, goal):
             "visited": 0.0,
         }
     if env.task.name == "deliver":  # nothing was fetched yet
-        own |= {"other": env._goal[1] - tip - up, "done": 0.0, "stay": 0.0}
+        own |= {"other": places[1] - tip - up, "done": 0.0, "stay": 0.0}
     return {
         "position": (q - (low + high) / 2.0) / ((high - low) / 2.0),
         "velocity": v / velocity,
@@ -370,6 +370,7 @@ def expected_observation(env, state, goal):
 def test_observation_is_what_its_table_says(task, human):
     env = ArmEnv(task, human=human, terminate_on=())
     env.reset(seed=2)
+    places = env.task.draw_goal(np.random.default_rng(2), env.robot, env.planes)  # as the environment has drawn it
     slices = slices_of(env)
     state = [np.array(x) for x in (HOME, np.zeros(6), np.zeros(6))]
     jerk_bound = np.radians([3798.0, 3408.0, 3505.0, 7011.0, 7011.0, 10712.0])
@@ -378,7 +379,7 @@ def test_observation_is_what_its_table_says(task, human):
         observation, _, _, _, info = env.step(action)
         if k % 12:
             continue
-        expected = expected_observation(env, state, env.goal)
+        expected = expected_observation(env, state, env.goal, places)
         assert info["distance"] == pytest.approx(expected.pop("distance"), abs=1e-9)
         assert set(expected) == set(slices)
         for name, value in expected.items():
@@ -656,7 +657,7 @@ def test_reach_succeeds_only_when_the_tip_is_slow(speed, expected):
     env = ArmEnv("reach", human="none")
     radius = np.hypot(*tip_of(HOME)[:2])
     env.reset(seed=0, options={"goal": tip_of(HOME)})
-    env._state[1, 0] = speed / radius
+    env.state[1, 0] = speed / radius
     seen = []
     for _ in range(40):
         *_, info = env.step(np.zeros(6))
@@ -671,10 +672,10 @@ def test_leaving_the_target_starts_the_clock_again():
     env.reset(seed=0, options={"goal": tip_of(HOME)})
     for k in range(40):
         if k == 8:
-            env._state[1, 0] = 1.0
+            env.state[1, 0] = 1.0
         if k == 9:
-            env._state[1, 0] = 0.0
-            env._state[0] = HOME
+            env.state[1, 0] = 0.0
+            env.state[0] = HOME
         *_, info = env.step(np.zeros(6))
         assert info["success"] == (k >= 9 + 12)
 

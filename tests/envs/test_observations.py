@@ -7,6 +7,7 @@ from gymnasium.utils.env_checker import check_env
 
 import jssa_gym
 from jssa_gym.envs import TASKS, ArmEnv
+from jssa_gym.envs.goals import Goals
 from jssa_gym.envs.observation import MOST_PEOPLE, OBSERVATIONS, bodies
 from jssa_gym.envs.tasks import Reach, Track
 from jssa_gym.envs.vector import VectorArmEnv
@@ -32,7 +33,7 @@ def test_others_are_refused():
 def test_every_part_of_everybody_is_observed_where_it_is(human):
     env, alone = (ArmEnv("reach", human=human, observation=seen, terminate_on=()) for seen in ("full", "closest"))
     env.reset(seed=3), alone.reset(seed=3)
-    slices, own = env._observation.slices, alone._observation.slices
+    slices, own = env.layout.slices, alone.layout.slices
     for _ in range(40):
         action = np.full(6, 0.1)
         observation, default = env.step(action)[0], alone.step(action)[0]
@@ -70,7 +71,7 @@ def test_who_comes_when_there_is_no_room_left_is_not_observed():
 def test_nobody_is_masked():
     env = ArmEnv("reach", human="none", observation="full")
     observation, _ = env.reset(seed=0)
-    slices = env._observation.slices
+    slices = env.layout.slices
     assert all(not observation[part].any() for name, part in slices.items() if name.startswith("part_"))
     np.testing.assert_array_equal(observation[slices["human_distance"]], 2.0)
 
@@ -120,7 +121,7 @@ def test_what_is_achieved_is_where_the_tool_is_and_what_is_desired_is_the_goal()
     default, _ = ArmEnv("reach", human="none").reset(seed=1)
     np.testing.assert_array_equal(told["observation"], default[:-3])
     np.testing.assert_allclose(told["desired_goal"], env.goal - env.robot.mount, atol=1e-6)
-    np.testing.assert_array_equal(told["achieved_goal"], told["observation"][env._observation.slices["tip"]])
+    np.testing.assert_array_equal(told["achieved_goal"], told["observation"][env.layout.slices["tip"]])
 
 
 def test_the_next_waypoint_is_what_is_desired():
@@ -128,7 +129,7 @@ def test_the_next_waypoint_is_what_is_desired():
     told, _ = env.reset(seed=0)
     np.testing.assert_allclose(told["achieved_goal"], env.robot.home, atol=1e-6)
     np.testing.assert_allclose(told["desired_goal"], env.goal[0], atol=1e-6)
-    env._state[0] = env.goal[0]
+    env.state[0] = env.goal[0]
     told = env.step(np.zeros(6))[0]
     np.testing.assert_allclose(told["desired_goal"], env.goal[1], atol=1e-6)
 
@@ -195,12 +196,12 @@ def test_stable_baselines3_finds_nothing_to_complain_about():
 
 
 @pytest.mark.long
-def test_hindsight_trains():
+def test_hindsight_trains(monkeypatch):
     sb3 = pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
     env = gym.make("jssa_gym/ReachShielded-v0", observation="goal", human="none", max_episode_steps=100)
     env = jssa_gym.ActionRepeat(jssa_gym.JPCAction(env, mode="tip", share=1.0), 5)
-    asked, real = [], env.unwrapped._goals.reward
-    env.unwrapped._goals.reward = lambda *pairs: asked.append(real(*pairs)) or asked[-1]
+    asked, real = [], Goals.reward
+    monkeypatch.setattr(Goals, "reward", lambda *pairs: asked.append(real(*pairs)) or asked[-1])
     model = sb3.SAC(
         "MultiInputPolicy",
         env,

@@ -92,7 +92,7 @@ def test_people_are_drawn_inside_of_their_capsules_and_have_hands():
     who = person(1.0, 0.3)
     drawn = figures.person(who)
     assert len(drawn) > 20
-    assert {solid.colour for solid in drawn} >= {figures._SKIN, figures._HAIR, figures._SHOES}
+    assert {solid.colour for solid in drawn} >= {figures.SKIN, figures.HAIR, figures.SHOES}
     way = np.random.default_rng(0).normal(size=(200, 3))
     way /= np.linalg.norm(way, axis=1)[:, None]
     for solid in drawn:

@@ -329,7 +329,7 @@ def test_people_may_come_and_go():
         env.step(None)
     stage.names, stage.truth = stage.names[:3], [true[:, :3] for true in stage.truth]
     stage.speed = stage.speed[:3]
-    stage._moved = lambda: stage.truth[-1]
+    stage.moved = lambda: stage.truth[-1]
     env.step(None)
     # whoever they are, none of them has been measured
     assert env.scene.valid.shape == (3,)

@@ -51,7 +51,7 @@ def track(**options):
 
 def put(env, position, velocity=0.0):
     """Put the arm somewhere; a step without jerk then measures it there."""
-    env._state[0], env._state[1], env._state[2] = position, velocity, 0.0
+    env.state[0], env.state[1], env.state[2] = position, velocity, 0.0
     return env.step(np.zeros(6))
 
 
@@ -67,7 +67,7 @@ def test_the_reference_followed_succeeds_when_it_is_over():
             nominal = np.zeros(6)
             if k * DT < 6.0:
                 target, rate, change, jerk = minimum_jerk(legs[int(leg)], legs[int(leg) + 1], 1.5, time - 1.5 * leg)
-                position, velocity, acceleration = env._state + 0.0
+                position, velocity, acceleration = env.state + 0.0
                 nominal = jerk + 1e3 * (target - position) + 3e2 * (rate - velocity) + 30.0 * (change - acceleration)
             _, reward, _, _, info = env.step(np.clip(nominal / env.robot.limits.jerk, -1.0, 1.0))
             visits.append(info["track/visited"])
@@ -257,11 +257,12 @@ def test_somebody_in_the_way_makes_the_arm_late_but_not_fail():
     for seed in (0, 3, 4):
         env = jssa_gym.JSSAShield(gym.make("jssa_gym/Track-v0", human="approach_retreat", max_episode_steps=4000))
         base = env.unwrapped
-        env.reset(seed=seed)
+        observation, _ = env.reset(seed=seed)
+        span, seen = np.ptp(base.robot.limits.position, axis=1), base.layout.slices["reference"]
         cascade, intervened = Cascade(base.robot.limits, share=1.0, kp=4.0, kv=12.0, ka=40.0), False
         for _ in range(4000):
-            target = base.task.reference(base.goal, base._progress)
-            *_, ended, _, info = env.step(cascade.jerk(base.scene.robot, target) / base.robot.limits.jerk)
+            target = base.scene.robot.position + span * observation[seen]
+            observation, _, ended, _, info = env.step(cascade.jerk(base.scene.robot, target) / base.robot.limits.jerk)
             intervened |= info["shield/intervened"]
             assert info["contact_speed"] == 0.0
             if ended:
@@ -311,7 +312,7 @@ def test_the_goal_is_at_the_hand_in_every_step(human):
         assert env.goal.shape == (3,)
         np.testing.assert_allclose(env.goal, handover_point(env.scene.human), atol=1e-12)
         tip = tip_of(env.scene.robot.position)
-        seen = observation[env._observation.slices["goal"]]
+        seen = observation[env.layout.slices["goal"]]
         np.testing.assert_allclose(seen, np.clip(env.goal - tip, -2.0, 2.0), atol=1e-6)
         if k:
             assert info["reward/handover"] == pytest.approx(-np.linalg.norm(env.goal - tip), abs=1e-9)
@@ -391,7 +392,7 @@ def test_a_handover_is_done_at_rest_only():
         env.reset(seed=0)
         seen = []
         for _ in range(30):
-            env._state[0], env._state[1, 0] = HOME, speed / radius
+            env.state[0], env.state[1, 0] = HOME, speed / radius
             seen.append(env.step(np.zeros(6))[-1]["success"])
         assert any(seen) is expected
 

@@ -14,7 +14,7 @@ import pytest
 from places import PATIENCE, environment
 
 from jssa_gym import plots
-from jssa_gym.cli.stress import Stress, _curves, _options
+from jssa_gym.cli.stress import Stress, curves, unusual_options
 from jssa_gym.engine.source import source_hash
 from jssa_gym.engine.workers import run
 from jssa_gym.envs import ArmEnv
@@ -142,8 +142,8 @@ def test_a_folder_of_another_campaign_is_refused(finished, monkeypatch, field):
 
 
 def test_a_broken_episode_s_command_plays_that_episode():
-    assert _options(replace(TINY, steps=1000)) == ""
-    assert _options(replace(TINY, task="reach", robot="ur5e")) == " --task reach --robot ur5e --seconds 2.8"
+    assert unusual_options(replace(TINY, steps=1000)) == ""
+    assert unusual_options(replace(TINY, task="reach", robot="ur5e")) == " --task reach --robot ur5e --seconds 2.8"
 
 
 @pytest.mark.long
@@ -507,7 +507,7 @@ def test_a_degradation_has_a_point_a_level(finished):
         *(replace(episode, human=f"pursuit x{m:g}", moving_contact=m > 1.5, contact_speed=m) for m in (2.0, 1.0)),
         *(replace(episode, fault=f"unmodelled {ms} ms", moving_contact=ms > 0) for ms in (0, 50, 50)),
     ]
-    fast, late = _curves(episodes)
+    fast, late = curves(episodes)
     assert (fast.level, fast.rate, fast.speed) == ([1.0, 2.0], [0.0, 1.0], [1.0, 2.0])
     assert (late.level, late.rate) == ([0.0, 50.0], [0.0, 1.0])
     assert all(low <= rate <= high for low, rate, high in zip(late.low, late.rate, late.high, strict=True))

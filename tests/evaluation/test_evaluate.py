@@ -40,7 +40,7 @@ from jssa_gym.evaluation import (
     summarise,
 )
 from jssa_gym.evaluation.campaign import Campaign, Grid
-from jssa_gym.evaluation.comparison_page import _keys, page
+from jssa_gym.evaluation.comparison_page import legend, page
 from jssa_gym.evaluation.ledger import Ledger, Results
 from jssa_gym.evaluation.plan import SPACING
 from jssa_gym.evaluation.play import Player, play, played_again
@@ -667,7 +667,7 @@ def test_the_page_has_the_key_beside_its_plots(finished):
     html = page(TINY, finished[1], "x", finished[0])
     for title in ("Over everything", "Safety against getting there", "Performance profiles"):
         section = html.split(f"<h2>{title}</h2>")[1].split("<h2>")[0]
-        assert section.startswith(_keys({name: k for k, name in enumerate(TINY.filters)}))
+        assert section.startswith(legend({name: k for k, name in enumerate(TINY.filters)}))
 
 
 def test_names_are_escaped(finished):

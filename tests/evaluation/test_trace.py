@@ -287,13 +287,13 @@ def test_a_file_with_something_missing_or_wrong_is_refused(path, change, message
 
 def test_an_archive_that_unpacks_to_too_much_is_not_unpacked(path, monkeypatch):
     with zipfile.ZipFile(path) as archive:
-        monkeypatch.setattr(module, "_LARGEST", 1000 + sum(member.file_size for member in archive.infolist()))
+        monkeypatch.setattr(module, "LARGEST", 1000 + sum(member.file_size for member in archive.infolist()))
     load_trace(path)
     path.write_bytes(repacked(path, lambda h, a: a.update(bomb=np.zeros(10_000))))
-    assert path.stat().st_size < module._LARGEST
+    assert path.stat().st_size < module.LARGEST
     with pytest.raises(TraceError, match="unpacks to"):
         load_trace(path)
-    monkeypatch.setattr(module, "_LARGEST", 100)
+    monkeypatch.setattr(module, "LARGEST", 100)
     with pytest.raises(TraceError, match="bytes, more than"):
         load_trace(path)
 

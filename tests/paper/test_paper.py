@@ -58,9 +58,9 @@ def test_the_stand_in_walks_as_fast_as_people_do():
     speed = np.linalg.norm([p.start_velocity[0] for p in people], axis=1)
     assert speed.max() < 1.6
     roots = np.array([p.start[0, :2] for p in people])
-    np.testing.assert_allclose(roots[0], person._WALK[0][1:])
+    np.testing.assert_allclose(roots[0], person.WALK[0][1:])
     # it is where its table says at the table's times
-    for time, x, y in person._WALK:
+    for time, x, y in person.WALK:
         step = round(time / 0.008)
         np.testing.assert_allclose(roots[step], (x, y), atol=1.6 * 0.008)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jssa_gym
-from jssa_gym.cli import _parse
+from jssa_gym.cli import parse
 from jssa_gym.cli.evaluate import Evaluate, Trained
 from jssa_gym.cli.replay import Replay
 from jssa_gym.envs.arm import ArmEnv
@@ -299,9 +299,9 @@ def test_an_environment_without_a_task_takes_any():
 
 @pytest.mark.parametrize("command", ["evaluate", "compare"])
 def test_the_command_line_takes_both(command):
-    parsed = _parse([command, "--ticks", "5", "--normalise", "v.pkl"])
+    parsed = parse([command, "--ticks", "5", "--normalise", "v.pkl"])
     assert parsed.trained == Trained(5, Path("v.pkl"))
-    assert _parse([command]).trained == Trained()
+    assert parse([command]).trained == Trained()
     if command == "compare":  # the page says what makes it again
-        assert "--ticks 5 --normalise v.pkl" in parsed._command()
-        assert "--ticks" not in _parse([command])._command()
+        assert "--ticks 5 --normalise v.pkl" in parsed.command_line()
+        assert "--ticks" not in parse([command]).command_line()

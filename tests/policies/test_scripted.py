@@ -179,7 +179,7 @@ def test_wander_draws_postures_clear_of_the_table_and_the_arm_itself(robot):
     planes = env.unwrapped.scene.planes
     low, high = robot.limits.position.T
     for _ in range(50):
-        posture = policy._posture(planes)
+        posture, _ = policy.draw(planes)
         assert np.all((low < posture) & (posture < high))
         near = measure(robot, JointState(posture, np.zeros(6), np.zeros(6)), nobody(), planes)
         assert min(near.planes.min(), near.own.min()) >= 0.03

@@ -176,17 +176,17 @@ def test_arms_whose_clock_stands_still_wait() -> None:
     for _ in range(10):
         seen, *_ = envs.step(policy(seen))
     (first, second), time = policy.controllers, envs.unwrapped.time
-    before = first._tick, second._tick
+    before = first.tick, second.tick
     time[1] += 0.008
     policy(seen)
     policy(seen)
-    assert (first._tick, second._tick) == before  # as they were looked at last
+    assert (first.tick, second.tick) == before  # as they were looked at last
     first, second = policy.controllers
-    assert (first._tick, second._tick) == (before[0] + 1, before[1] + 1)
+    assert (first.tick, second.tick) == (before[0] + 1, before[1] + 1)
     time[1] += 0.008
     policy(seen)
     first, second = policy.controllers
-    assert (first._tick, second._tick) == (before[0] + 1, before[1] + 2)
+    assert (first.tick, second.tick) == (before[0] + 1, before[1] + 2)
 
 
 def test_other_vectors_are_refused() -> None:

@@ -86,7 +86,7 @@ def test_a_bracket_gets_two_that_are_slimmer(monkeypatch):
     assert fit(shape).ratio == pytest.approx(one.volume / fit(shape).hull)
     for each in fits:
         assert each.ratio == each.capsule.volume / each.hull < 0.5 * fit(shape).ratio
-    monkeypatch.setattr(module, "_LOOSE", 0.0)
+    monkeypatch.setattr(module, "LOOSE", 0.0)
     assert len(enclose(shape)) == 1
 
 

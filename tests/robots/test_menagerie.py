@@ -51,21 +51,21 @@ def test_an_arm_by_name_is_downloaded_prepared_and_kept(archive, tmp_path, monke
     assert "guess" in (folder / "robot.limits.toml").read_text()
     # a second time nothing is downloaded, and nothing prepared
     archive.unlink()
-    monkeypatch.setattr(menagerie, "_prepare", None)
+    monkeypatch.setattr("jssa_gym.robots.prepare.examine", None)
     np.testing.assert_array_equal(make_robot("iiwa14").home, robot.home)
 
 
 def test_another_table_makes_another_arm(archive, tmp_path, monkeypatch):
     """Whichever table is used is part of what an arm is kept under."""
     file = tmp_path / "kuka_iiwa_14" / "iiwa14.xml"
-    kept = {name: menagerie._digest(file, name) for name in ("menagerie_iiwa14", "iiwa14", "menagerie_ur5e")}
-    assert menagerie._table("menagerie_ur5e").name == "ur5e.limits.toml"
+    kept = {name: menagerie.digest_of(file, name) for name in ("menagerie_iiwa14", "iiwa14", "menagerie_ur5e")}
+    assert menagerie.table_of("menagerie_ur5e").name == "ur5e.limits.toml"
     (tmp_path / "published" / "iiwa14.toml").write_text('unit = "deg"\nvelocity = [10, 20, 30, 41]\n')
     for name in ("menagerie_iiwa14", "iiwa14"):
-        assert menagerie._digest(file, name) != kept[name]
-    assert menagerie._digest(file, "menagerie_ur5e") == kept["menagerie_ur5e"]
+        assert menagerie.digest_of(file, name) != kept[name]
+    assert menagerie.digest_of(file, "menagerie_ur5e") == kept["menagerie_ur5e"]
     (tmp_path / "published" / "ur5e.toml").write_text('unit = "deg"\nvelocity = [1, 2, 3, 4]\n')
-    assert menagerie._digest(file, "menagerie_ur5e") != kept["menagerie_ur5e"]
+    assert menagerie.digest_of(file, "menagerie_ur5e") != kept["menagerie_ur5e"]
 
 
 def test_what_is_damaged_or_not_there_is_said(archive):

@@ -131,7 +131,7 @@ def test_a_projection_without_a_solution_brakes(projector: str, monkeypatch: pyt
     unsolved = Projection(nominal.copy(), False, np.nan, "")
     if projector == "exact":
         filter.make_unsolvable()
-    monkeypatch.setattr(filter._projector, "project", lambda *_: unsolved)
+    monkeypatch.setattr(filter.projector, "project", lambda *_: unsolved)
     decision = filter.decide(scene, nominal)
     assert decision.status == Status.FAULT
     assert "no solution" in decision.reason

@@ -516,7 +516,7 @@ def test_a_projection_that_is_none_ends_in_the_stored_stop(robot, make_scene, je
     unsolved = isinstance(jerk, str)
     wrong = Projection(np.zeros(6) if unsolved else jerk, True, np.nan if unsolved else 0.0, "")
     called = []
-    monkeypatch.setattr(arm.filter._projector, "project", lambda *_: called.append(1) or wrong)
+    monkeypatch.setattr(arm.filter.projector, "project", lambda *_: called.append(1) or wrong)
     for _ in range(150):
         tail = arm.tail
         decision = arm.step(0.6 * robot.limits.jerk * [1, 1, -1, 1, 1, 1])
@@ -570,8 +570,8 @@ def test_an_osqp_that_answers_garbage_hurts_nobody(robot, make_scene, how, caplo
 
     for _ in range(250):
         arm.human = people.move()
-        if arm.filter._projector._solver is not None:
-            arm.filter._projector._solver.solve, used = solve, used + 1
+        if arm.filter.projector._solver is not None:
+            arm.filter.projector._solver.solve, used = solve, used + 1
         arm.step(next(policy_jerk))
         assert arm.inside()
         near = measure(robot, JointState(*arm.state), arm.human, Planes(np.zeros((0, 3)), np.zeros(0), ()))

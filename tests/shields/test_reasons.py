@@ -95,12 +95,12 @@ def tell(robot, make_scene):
     scene = make_scene([robot.home, np.zeros(6), np.zeros(6)], post)._replace(static=post)
     chosen.reset(scene)
     assert chosen.decide(scene, np.zeros(6)).status == Status.NOMINAL
-    chosen._reading.wrong.update(dict.fromkeys(chosen._reading.wrong, "no such thing"))
+    chosen.reading.wrong.update(dict.fromkeys(chosen.reading.wrong, "no such thing"))
     fine = Told(*chosen.records.answer.told.item())
 
     def say(code, nominal=None, **fields):
         told = fine._replace(**{"status": abs(code) // 100, "code": code, "capsule": 0, "other": 0, **fields})
-        return in_words(told, np.zeros(6) if nominal is None else nominal, robot, chosen.records, chosen._reading)
+        return in_words(told, np.zeros(6) if nominal is None else nominal, robot, chosen.records, chosen.reading)
 
     return say
 

@@ -502,7 +502,7 @@ PROJECTIONS = {
 @pytest.mark.long
 def test_a_projector_that_fails_is_a_fault_that_brakes(robot, random_scene, how, gradient):
     good, bad = JSSAFilter(robot, DT, gradient=gradient), JSSAFilter(robot, DT, gradient=gradient, projector="osqp")
-    bad._projector.project = PROJECTIONS[how]
+    bad.projector.project = PROJECTIONS[how]
     for scene, nominal, _ in statuses(good, random_scene, {Status.PROJECTED: 3}, motion=0.25):
         decision = bad.decide(scene, nominal)
         check_decision(decision, bad)
@@ -845,8 +845,8 @@ def test_a_sabotaged_solver_is_still_safe(robot, random_scene, how):
         exact, random_scene, {Status.PROJECTED: 8, Status.RELAXED: 2}, motion=0.25, seed=8
     ):
         osqp.decide(scene, nominal)
-        assert osqp._projector._solver is not None
-        osqp._projector._solver.solve = SABOTAGE[how]
+        assert osqp.projector._solver is not None
+        osqp.projector._solver.solve = SABOTAGE[how]
         other = osqp.decide(scene, nominal)
         check_decision(other, osqp)
         assert other.status == decision.status

@@ -119,7 +119,7 @@ def test_who_appears_in_the_middle_is_a_fault_until_a_stop_is_verified_and_a_tra
     if at == 0.45:
         assert first > 0
         assert reasons[0].startswith("no verified stop: hand can reach")
-    assert filter._reading.names == ("hand",)
+    assert filter.reading.names == ("hand",)
 
 
 def test_who_comes_in_at_the_edge_is_no_fault(robot, make_scene):
@@ -248,6 +248,5 @@ def test_a_guards_frame_is_as_old_as_its_people(robot):
         guard = jssa_gym.Guard(watched=REGION)
         guard.start(guard.robot.home)
         guard.tick(None, empty, 0.0)
-        assert guard._step._filter.records.memory.arm[0]["frame"] == pytest.approx(-0.1)
-    answers = [guard.tick(None, replace(empty, frame_age=np.nan), DT * k) for k in range(1, 30)]
-    assert "the watched region was not seen completely" in answers[-1].reason
+        answers = [guard.tick(None, replace(empty, frame_age=np.nan), DT * k) for k in range(1, 30)]
+        assert f"the watched region was not seen completely for {0.1 + 29 * DT:.3f} s" in answers[-1].reason

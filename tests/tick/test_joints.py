@@ -488,11 +488,15 @@ def test_an_arm_that_was_moved_by_hand_is_rebased_from_rest(robot, make_scene, c
     np.testing.assert_allclose(own.filter.expected, own.state, atol=1e-12)
 
 
+def moved_by_hand(scenes):
+    """The second axis is elsewhere from the first step on."""
+    return joints(scenes[-1], position=scenes[-1].robot.position + 0.1 * (np.arange(6) == 1))
+
+
 def test_a_shield_rebases_by_its_scene():
-    env = JSSAShield(ArmEnv("home", human="none", terminate_on=()))
+    env = JSSAShield(Reading(ArmEnv("home", human="none", terminate_on=()), moved_by_hand))
     env.reset(seed=0)
-    env.unwrapped._state[0, 1] += 0.1
-    env.unwrapped._scene = None
+    assert env.step(np.zeros(6))[4]["shield/status"] == Status.NOMINAL
     assert env.step(np.zeros(6))[4]["shield/status"] == Status.FAULT
     env.rebase()
     assert env.step(np.zeros(6))[4]["shield/status"] == Status.NOMINAL

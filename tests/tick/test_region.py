@@ -124,7 +124,7 @@ class Guarded:
 
     @property
     def names(self):
-        return list(self.filter._reading.names)
+        return list(self.filter.reading.names)
 
     @property
     def persons(self):
@@ -356,7 +356,7 @@ def test_more_people_than_there_is_room_for_are_a_fault(robot, make_scene):
     crowd = [Body.facing(person=k).at((1.8 + k, 0.0), (0.0, 0.0)) for k in range(3)]
     assert arm.see(together(crowd[:2])) == 0
     assert arm.see(together(crowd)) == codes.PEOPLE
-    assert "18 body parts are more than the watched region's capacity, 12" in arm.filter._reading.wrong["people"]
+    assert "18 body parts are more than the watched region's capacity, 12" in arm.filter.reading.wrong["people"]
     assert arm.see(together(crowd[:2])) == 0
 
 

@@ -239,7 +239,7 @@ def test_a_full_buffer_with_a_cursor_in_it_is_read(folder, model):
     one = newest(folder)
     change_arrays(BUFFER, lambda a: full_with_cursor(a, 99, 1))(one)
     seal(one)
-    loop._restore(model, read_checkpoint(one))
+    loop.restore(model, read_checkpoint(one))
     assert (model.replay_buffer.pos, model.replay_buffer.full, model.replay_buffer.size()) == (99, True, 100)
 
 
@@ -253,7 +253,7 @@ def test_forged_files_are_refused_and_never_run(how, folder, model):
     seal(one)
     found = read_checkpoint(one)
     with pytest.raises(CheckpointError, match=str(one)):
-        loop._restore(model, found)
+        loop.restore(model, found)
     assert not Sentinel.ran
 
 
@@ -271,7 +271,7 @@ def test_a_forged_history_is_refused(data, folder, model):
     with pytest.raises(CheckpointError, match="history"):
         train(CHECKPOINTED, folder)
     with pytest.raises(CheckpointError, match="history"):
-        loop._restore(model, read_checkpoint(one))
+        loop.restore(model, read_checkpoint(one))
 
 
 def test_a_history_that_ends_elsewhere_is_refused(folder, model):
@@ -279,7 +279,7 @@ def test_a_history_that_ends_elsewhere_is_refused(folder, model):
     rows = json.loads((one / MANIFEST).read_text())["data"]["history"]
     seal(one, data={"config": CHECKPOINTED.digest, "history": rows[:-1]})
     with pytest.raises(CheckpointError, match="history"):
-        loop._restore(model, read_checkpoint(one))
+        loop.restore(model, read_checkpoint(one))
 
 
 @pytest.mark.long

@@ -76,12 +76,11 @@ def test_advantages_are_weighed_by_hand(model):
     rollout.advantages = rng.normal(size=shape).astype(np.float32)
     costs = rng.integers(0, 3, size=shape).astype(np.float32)
     rollout.episode_starts[5] = 1.0  # what comes from there on is of another episode
-    model._costs, model._ahead = list(costs), list(np.zeros(shape, np.float32))
     model._last_episode_starts = np.zeros(shape[1], bool)
     model.multiplier.fill_(0.7)
     model.limit = replace(model.limit, rate=0.0)
     gain = (rollout.advantages - rollout.advantages.mean()) / rollout.advantages.std()
-    model._weigh(rollout)
+    model.weigh(rollout, costs, np.zeros(shape, np.float32))
     ahead, fades = np.zeros(shape), model.gamma * model.gae_lambda
     for t in range(shape[0]):
         until = 5 if t < 5 else shape[0]
@@ -105,14 +104,14 @@ def test_without_cost_it_is_ppo():
 
 @pytest.mark.parametrize("model", ["ppo-lagrangian"], indirect=True)
 def test_the_critic_learns_what_is_to_come(model):
-    model._targets = np.full_like(model._targets, 3.0)
+    model.targets = np.full_like(model.targets, 3.0)
     model.set_logger(Logger(None, []))
-    before = np.abs(model._cost_to_come(model._seen) - 3.0).mean()
+    before = np.abs(model.cost_to_come(model.seen) - 3.0).mean()
     model.lr_schedule = lambda left: 0.1
     rollout = model.rollout_buffer  # is turned once it is read
     rollout.advantages = np.zeros_like(rollout.advantages)
     model.train()
-    assert np.abs(model._cost_to_come(model._seen) - 3.0).mean() < 0.9 * before
+    assert np.abs(model.cost_to_come(model.seen) - 3.0).mean() < 0.9 * before
 
 
 # ---- SAC ---------------------------------------------------------------------------------------------

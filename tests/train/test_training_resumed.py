@@ -139,14 +139,14 @@ def test_a_best_policy_that_is_gone_is_not_replaced_in_silence(tmp_path):
 @pytest.mark.long
 def test_the_learning_rate_falls_over_the_whole_training_not_in_every_leg(tmp_path, monkeypatch):
     rates = []
-    real = loop._leg
+    real = loop.learn_leg
 
     def leg(model, *rest):
         history = real(model, *rest)
         rates.append(model.policy.optimizer.param_groups[0]["lr"])
         return history
 
-    monkeypatch.setattr(loop, "_leg", leg)
+    monkeypatch.setattr(loop, "learn_leg", leg)
     config = tiny(steps=256)
     with pytest.raises(Interrupted):
         train(config, tmp_path, watch=cut_off_at(140))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pages import eventually
 
-from jssa_gym.cli.view import _pictures
+from jssa_gym.cli.view import pictures
 from jssa_gym.viewer.choices import BARE, Choices, ShieldChoice
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
@@ -47,7 +47,7 @@ def test_a_person_who_is_dragged_into_the_arm_finds_it_aside_or_at_rest(open_pag
     page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)))
     tab = visit(page)
     start = root(page)
-    eventually(lambda: page._speech.nodes)
+    eventually(lambda: page.speech.nodes)
     home = page.runner.snapshot.arms[0].position
     tab.drag(start + CHEST, start + CHEST - [1.05, 0.0, 0.0])
     eventually(lambda: root(page)[0] < start[0] - 0.8, what="the person to follow the mouse")
@@ -67,7 +67,7 @@ def test_a_person_who_is_dragged_into_the_arm_finds_it_aside_or_at_rest(open_pag
 def test_a_hand_is_dragged_by_itself(open_page, visit, quick):
     page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)))
     tab = visit(page)
-    eventually(lambda: page._speech.nodes)
+    eventually(lambda: page.speech.nodes)
     people = page.runner.snapshot.people
     hand = people.names.index("left_arm")  # on the side of the camera
     middle = 0.4 * people.start[hand] + 0.6 * people.end[hand]
@@ -113,7 +113,7 @@ def test_switches_change_what_they_say_and_two_shields_differ(open_page, visit, 
 
 
 def test_films_and_episodes_are_recorded_handed_over_and_scrubbed(open_page, visit, quick, tmp_path):
-    page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)), film=_pictures)
+    page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)), film=pictures)
     tab = visit(page)
     tab.press("record a film")
     eventually(lambda: (page.runner.snapshot.recording or 0.0) > 0.4)
@@ -126,14 +126,14 @@ def test_films_and_episodes_are_recorded_handed_over_and_scrubbed(open_page, vis
     with tab.tab.expect_download(timeout=240e3) as download:
         tab.press("save the episode")
     assert download.value.suggested_filename == "episode-yield-001.npz"
-    eventually(lambda: "episode-yield-001.npz" in page._episode.options)
+    eventually(lambda: "episode-yield-001.npz" in page.episode.options)
     tab.pick("episode", "episode-yield-001.npz")
     eventually(lambda: "saved episode" in tab.text)
-    assert page._playback.length > 0.4
+    assert page.playback.length > 0.4
     tab.set("time [s]", "0.2")
     eventually(lambda: "0.2 s (saved episode)" in tab.text)
     tab.pick("episode", "live")
-    eventually(lambda: page._playback is None)
+    eventually(lambda: page.playback is None)
     number = page.runner.snapshot.number
     eventually(lambda: page.runner.snapshot.number > number)
 

@@ -18,25 +18,31 @@ def quiet(caplog):
     return [record.getMessage() for record in caplog.records if record.levelname in ("ERROR", "CRITICAL")] == []
 
 
-def nodes(page):
-    return set(page.server.viser.scene._handle_from_node_name)
+def there(page, node):
+    return page.server.viser.scene.get_handle_by_name(node) is not None
+
+
+def settled(page):
+    """Wait until all is done that was asked for."""
+    asked = page.runner.submit(lambda session: None)
+    eventually(lambda: page.runner.snapshot.answered >= asked)
 
 
 @pytest.mark.long
 def test_the_scene_follows_what_is_played(open_page, caplog):
     page = open_page(Choices(shields=(ShieldChoice("yield"),)))
     eventually(lambda: page.sent > 5)
-    assert "/arm0/people/middle" in nodes(page)
-    assert "/arm1" not in nodes(page)
+    assert there(page, "/arm0/people/middle")
+    assert not there(page, "/arm1")
     page.runner.submit(lambda session: session.choose(Choices(shields=(ShieldChoice("yield"), ShieldChoice(BARE)))))
-    eventually(lambda: "/arm1/people/middle" in nodes(page))
+    eventually(lambda: there(page, "/arm1/people/middle"))
     both = {f"/arm{k}/people/{part}" for k in (0, 1) for part in ("middle", "ends")}
-    eventually(lambda: set(page._speech.nodes) == both)
+    eventually(lambda: set(page.speech.nodes) == both)
     page.runner.submit(lambda session: session.choose(Choices(robot="ur5e", human="none")))
     eventually(lambda: page.picture._looked[0] == "ur5e")
-    eventually(lambda: "/arm1" not in nodes(page))
-    assert not any(name.startswith("/arm0/people") for name in nodes(page))
-    eventually(lambda: page._speech.nodes == {})  # nobody to drag
+    eventually(lambda: not there(page, "/arm1"))
+    assert not any(there(page, f"/arm0/people/{part}") for part in ("middle", "ends"))
+    eventually(lambda: page.speech.nodes == {})  # nobody to drag
     sent = page.sent
     eventually(lambda: page.sent > sent + 5)
     assert quiet(caplog)
@@ -46,12 +52,12 @@ def test_overlays_appear_while_it_is_paused_too(open_page, caplog):
     page = open_page(Choices(shields=(ShieldChoice("yield"),)))
     page.runner.submit(lambda session: setattr(session, "paused", True))
     eventually(lambda: page.runner.snapshot.paused and page.sent)
-    page.panel._layer("stop", True)
-    page.panel._layer("reach", True)
+    page.panel.set_layer("stop", True)
+    page.panel.set_layer("reach", True)
     scene = page.server.viser.scene
-    eventually(lambda: "/arm0/stop/middle" in nodes(page))
+    eventually(lambda: there(page, "/arm0/stop/middle"))
     eventually(lambda: scene.get_handle_by_name("/arm0/reach/middle").visible)
-    page.panel._layer("people", False)
+    page.panel.set_layer("people", False)
     eventually(lambda: not scene.get_handle_by_name("/arm0/people/middle").visible)
     assert quiet(caplog)
 
@@ -65,7 +71,7 @@ def test_a_film_ends_by_itself_once(open_page, monkeypatch, caplog):
         return iter(()), 25
 
     page = open_page(Choices(shields=(ShieldChoice("yield"), ShieldChoice("work"))), film=film)
-    page._toggle_film()
+    page.toggle_film()
     eventually(lambda: made)
     eventually(lambda: page.runner.snapshot.recording is None)
     sent = page.sent
@@ -85,28 +91,28 @@ def test_a_film_that_ends_while_something_is_written_goes_on(open_page):
 
     page = open_page(Choices(shields=(ShieldChoice("yield"),)), film=film)
     for _ in range(2):
-        page._toggle_film()
+        page.toggle_film()
         eventually(lambda: page.runner.snapshot.recording)
-        page._toggle_film()
-        eventually(lambda: page.runner.snapshot.answered >= page._rolled)
+        page.toggle_film()
+        settled(page)
         eventually(lambda: made)
-    assert "still writing" in page._news
+    assert "still writing" in page.news
     assert page.runner.snapshot.recording  # nothing of it is lost
-    page._save()
-    eventually(lambda: page.runner.snapshot.answered >= page.runner._asked)
+    page.save()
+    settled(page)
     slow.set()
-    eventually(lambda: page._news == "no film after all")
-    page._toggle_film()
+    eventually(lambda: page.news == "no film after all")
+    page.toggle_film()
     eventually(lambda: page.runner.snapshot.recording is None)
     eventually(lambda: made == [1, 1])
-    assert page._shelf.episodes() == ()
+    assert page.shelf.episodes() == ()
 
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("pointer", [(1e4, 0.0, 5e-324), (1.6, 0.0, np.nan), (np.inf, 0.0, 0.5)])
 def test_a_pointer_that_is_nowhere_leaves_the_person_somewhere(open_page, pointer):
     page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)))
-    eventually(lambda: page._speech.nodes)
+    eventually(lambda: page.speech.nodes)
     camera = SimpleNamespace(position=(0.0, -3.0, 0.0))
     for phase in ("start", "update", "update"):
         event = SimpleNamespace(
@@ -117,7 +123,7 @@ def test_a_pointer_that_is_nowhere_leaves_the_person_somewhere(open_page, pointe
             client=SimpleNamespace(camera=camera),
         )
         for part in ("core_body", "right_arm"):
-            page.picture._follow(event, part, np.zeros(3))
+            page.picture.follow(event, part, np.zeros(3))
     number = page.runner.snapshot.number
     eventually(lambda: page.runner.snapshot.number > number + 25)
     assert np.isfinite(page.runner.snapshot.people.start).all()
@@ -126,22 +132,23 @@ def test_a_pointer_that_is_nowhere_leaves_the_person_somewhere(open_page, pointe
 
 def test_a_level_ray_meets_the_floor_nowhere(open_page, monkeypatch):
     page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)))
-    eventually(lambda: page._speech.nodes)
+    eventually(lambda: page.speech.nodes)
     places, camera = [], SimpleNamespace(position=(0.0, -3.0, 0.0))
-    monkeypatch.setattr(page.picture, "_drag", lambda part, place: places.append(place))
+    asked = SimpleNamespace(drag=lambda part, place: places.append(place))
+    monkeypatch.setattr(page.runner, "submit", lambda command: command(asked))
     for phase, pointer in (("start", (1.6, 0.0, 1.0)), ("update", (1.0, 0.0, 1e-10))):
         client = SimpleNamespace(camera=camera)
         event = SimpleNamespace(
             phase=phase, client_id=7, start_position=(1.6, 0.0, 1.0), end_position=pointer, client=client
         )
-        page.picture._follow(event, "core_body", np.zeros(3))
+        page.picture.follow(event, "core_body", np.zeros(3))
     assert np.abs(places[-1]).max() < 6.0
 
 
 def test_what_the_page_says_cannot_be_markup(open_page):
     page = open_page(Choices(shields=(ShieldChoice("yield"),)))
-    page._news = "<script>alert(1)</script> [a](javascript:x) **b** `c`"
-    eventually(lambda: "script" in page._told.content)
+    page.news = "<script>alert(1)</script> [a](javascript:x) **b** `c`"
+    eventually(lambda: "script" in page.told.content)
     for mark in ("<", ">", "[", "]", "*b", "`"):
-        assert page._told.content.count(mark) == page._told.content.count("\\" + mark) or mark == "*b"
-    assert "\\<script\\>" in page._told.content
+        assert page.told.content.count(mark) == page.told.content.count("\\" + mark) or mark == "*b"
+    assert "\\<script\\>" in page.told.content

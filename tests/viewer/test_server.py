@@ -176,15 +176,20 @@ def test_a_door_that_lets_everybody_in_is_noticed(monkeypatch):
 def state_of(page):
     """All that a message could have changed."""
     snapshot, panel = page.runner.snapshot, page.panel
-    values = {uuid: getattr(handle, "value", None) for uuid, handle in panel._entered.items()}
+    values = {uuid: getattr(handle, "value", None) for uuid, handle in panel.entered.items()}
     return snapshot.choices, snapshot.paused, snapshot.factor, snapshot.clamped, snapshot.epoch, values, panel.layers
+
+
+def uuid_of(page, switch):
+    """By what a page calls a switch."""
+    return next(uuid for uuid, handle in page.panel.entered.items() if handle is switch)
 
 
 def malformed(page, count):
     """Messages that no page of ours sends: noise, broken ones, foreign ones, and ours with other values."""
     rng = random.Random(0)
-    uuids = list(page.panel._entered)
-    nodes = [*page._speech.nodes, "/arm0", "/nowhere"]
+    uuids = list(page.panel.entered)
+    nodes = [*page.speech.nodes, "/arm0", "/nowhere"]
     values = (float("nan"), float("inf"), -1e308, 10**30, "x" * 1000, None, [], {}, [[1]], "none\x00", -1, "evil")
     pack = msgspec.msgpack.encode
 
@@ -218,11 +223,11 @@ def test_ten_thousand_malformed_messages_change_nothing(open_page, caplog):
     page = open_page(Choices(policy="reach-ppo", shields=(ShieldChoice("yield"),)))
     with visitor(page.server.port) as driver, visitor(page.server.port) as watcher:
         eventually(lambda: len(page.server.viser.get_clients()) == 2)
-        eventually(lambda: page._speech.nodes, what="a person to drag")
+        eventually(lambda: page.speech.nodes, what="a person to drag")
         page.runner.submit(lambda session: setattr(session, "paused", True))
         eventually(lambda: page.runner.snapshot.paused)
         # the switches follow what is, a moment later
-        eventually(lambda: page.panel._pause.value and page.panel._handles["human_speed"].value == 1.6)
+        eventually(lambda: page.panel.pause.value and page.panel.handles["human_speed"].value == 1.6)
         before, refused = state_of(page), page.server.refused
         messages = malformed(page, 10_000)
         for k, message in enumerate(messages):
@@ -230,7 +235,7 @@ def test_ten_thousand_malformed_messages_change_nothing(open_page, caplog):
         eventually(lambda: page.server.refused - refused == len(messages), what="an answer to all")
         assert state_of(page) == before
         # and they are still heard
-        pause = page.panel._pause._impl.uuid
+        pause = uuid_of(page, page.panel.pause)
         driver.say({"type": "GuiUpdateMessage", "uuid": pause, "updates": {"value": False}})
         eventually(lambda: not page.runner.snapshot.paused)
     assert page.runner.failure is None
@@ -245,7 +250,7 @@ def test_messages_that_are_too_large_end_the_connection_alone(open_page):
         with pytest.raises(ConnectionClosed):
             heard_out(one)
         eventually(lambda: page.server.wheel.driver == 1)
-        pause = page.panel._pause._impl.uuid
+        pause = uuid_of(page, page.panel.pause)
         other.say({"type": "GuiUpdateMessage", "uuid": pause, "updates": {"value": True}})
         eventually(lambda: page.runner.snapshot.paused)
 
@@ -255,10 +260,10 @@ def test_no_message_switches_the_shield_of_a_saved_policy_off(open_page):
     page = open_page(Choices(policy="reach-ppo", shields=(ShieldChoice("yield"),)))
     with visitor(page.server.port) as driver:
         eventually(lambda: page.server.viser.get_clients())
-        shield = page.panel._handles["shield"]
+        shield = page.panel.handles["shield"]
         for name in ("none", "jssa", "jssa_published"):
             assert name in shield.options
-            driver.say({"type": "GuiUpdateMessage", "uuid": shield._impl.uuid, "updates": {"value": name}})
+            driver.say({"type": "GuiUpdateMessage", "uuid": uuid_of(page, shield), "updates": {"value": name}})
             eventually(lambda: "verified stop" in page.runner.snapshot.message)
             assert page.runner.snapshot.choices.shields == (ShieldChoice("yield"),)
             assert page.runner.snapshot.arms[0].promised
@@ -269,7 +274,7 @@ def test_no_message_switches_the_shield_of_a_saved_policy_off(open_page):
 
 def test_one_drives_and_the_others_watch_until_the_first_is_gone(open_page):
     page = open_page(Choices(shields=(ShieldChoice("yield"),)))
-    pause = page.panel._pause._impl.uuid
+    pause = uuid_of(page, page.panel.pause)
     with contextlib.ExitStack() as first:
         driver = first.enter_context(visitor(page.server.port))
         eventually(lambda: len(page.server.viser.get_clients()) == 1)
@@ -279,7 +284,7 @@ def test_one_drives_and_the_others_watch_until_the_first_is_gone(open_page):
             watcher.say({"type": "GuiUpdateMessage", "uuid": pause, "updates": {"value": True}})
             eventually(lambda: page.server.refused == refused + 1)
             assert not page.runner.snapshot.paused
-            assert page.panel._pause.value is False
+            assert page.panel.pause.value is False
             driver.say({"type": "GuiUpdateMessage", "uuid": pause, "updates": {"value": True}})
             eventually(lambda: page.runner.snapshot.paused)
             number = page.runner.snapshot.number

@@ -45,7 +45,7 @@ def test_two_arms_are_beside_the_same_person(human):
     differed = False
     for _ in range(150):
         session.step()
-        one, other = (side.base.scene.human for side in session._sides)
+        one, other = (side.base.scene.human for side in session.sides)
         for field in ("start", "end", "start_velocity", "end_velocity"):
             assert np.array_equal(getattr(one, field), getattr(other, field))
         views = session.snapshot().arms
@@ -108,14 +108,14 @@ def test_numbers_of_a_shield_can_be_changed_and_are_told():
     assert numbers["horizon"] == 0.4
     assert "lambda1" not in numbers
     # the shield itself, not only what is told
-    assert session._sides[0].assumed.human_speed == 1.2
-    assert session._sides[0].assumed.graded
+    assert session.sides[0].assumed.human_speed == 1.2
+    assert session.sides[0].assumed.graded
 
 
 def test_the_shield_of_a_task_stays_what_it_is_where_one_number_is_changed():
     session = session_of("shielded", task="handover")
     session.choose(Choices(task="handover", shields=(ShieldChoice("shielded", {"d_min": 0.06}),)))
-    side = session._sides[0]
+    side = session.sides[0]
     assert side.assumed.contact_speed_of("right_arm") == 0.1
     assert side.numbers["lambda1"] == 1.0
     assert side.numbers["d_min"] == 0.06
@@ -150,12 +150,12 @@ def without_goals(monkeypatch):
 
 def test_a_task_that_finds_no_goal_changes_nothing(monkeypatch):
     session = session_of("yield", task="home")
-    before, sides, speed = session.choices, session._sides, session.dragged.speed
+    before, sides, speed = session.choices, session.sides, session.dragged.speed
     without_goals(monkeypatch)
     with pytest.raises(ParameterError, match="found no goal"):
         session.choose(Choices(task="reach", shields=(ShieldChoice("yield", {"human_speed": 0.5}),)))
     assert session.choices is before
-    assert session._sides is sides
+    assert session.sides is sides
     assert session.dragged.speed == speed
     number = session.number
     stepped(session, 2 * DT)
@@ -173,7 +173,7 @@ def test_a_saved_policy_is_never_without_a_verified_stop(open_one):
 
 def test_every_shield_that_is_called_whole_has_a_verified_stop():
     for name in ("shielded", "yield", "jssa+stop", "stop", "jssa", "jssa_published"):
-        assert (session_of(name)._sides[0].assumed is not None) == ShieldChoice(name).whole
+        assert (session_of(name).sides[0].assumed is not None) == ShieldChoice(name).whole
 
 
 def test_the_next_episode_begins_after_success(monkeypatch):
@@ -203,12 +203,10 @@ def test_an_episode_is_kept_whole_and_mujoco_agrees(tmp_path):
         assert judge(kept, session.robot).agrees
 
 
-def test_of_a_long_episode_the_last_part_is_kept_as_if_it_began_there():
+def test_of_a_long_episode_the_last_part_is_kept_as_if_it_began_there(monkeypatch):
+    monkeypatch.setattr("jssa_gym.viewer.side.LONGEST", 50 * DT)
     session = session_of("yield")
-    side = session._sides[0]
-    side.roll()
-    take = side.take
-    take._rows = type(take._rows)(maxlen=50)
+    session.roll()
     session.drag("core_body", (0.9, 0.1))
     stepped(session, 1.0)
     (trace,) = session.cut()
@@ -353,10 +351,10 @@ def test_a_session_that_breaks_says_so_and_stops(running, caplog):
 
 
 def test_an_episode_that_cannot_begin_is_told_and_waits(running, monkeypatch):
-    def no_goal():
+    def no_goal(self):
         raise ParameterError("found no goal")
 
-    monkeypatch.setattr(running._session, "step", no_goal)
+    monkeypatch.setattr(Session, "step", no_goal)
     end = time.monotonic() + 60.0
     while not running.snapshot.message and time.monotonic() < end:
         time.sleep(0.01)

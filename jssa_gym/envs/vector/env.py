@@ -112,7 +112,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         """With ``DISABLED``, whether those that are over sit out what follows, rather than that ``step`` refuses it."""
         self._rngs: list[np.random.Generator | None] = [None] * count
         self._seeds: list[int | None] = [None] * count
-        self._observations = np.zeros((count, one._observation.size), np.float32)
+        self._observations = np.zeros((count, one.layout.size), np.float32)
         self._begun = False
 
     # ---- who is there ----------------------------------------------------------------------------------
@@ -179,7 +179,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
             one.human = crowd.motion_of(e)
             self._observations[e], info = one.reset(seed=seeds[e], options=options)
             self._rngs[e], self._seeds[e] = one._np_random, one._np_random_seed
-            self.state[e], self.time[e], self._steps[e], self._held[e] = one._state, 0.0, 0, 0
+            self.state[e], self.time[e], self._steps[e], self._held[e] = one.state, 0.0, 0, 0
             self._task.begin(e, one._goal, one._progress)
             crowd.begin(e, one._people, self._rngs[e])
             self._measured.segments[e] = one._around.seen.segments[: self._measured.segments.shape[1]]

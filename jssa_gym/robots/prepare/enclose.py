@@ -15,7 +15,7 @@ MARGIN = 5e-4
 _MOST = 3
 """Capsules that a link gets at most."""
 
-_LOOSE = 0.75
+LOOSE = 0.75
 """Share of one capsule's volume that two have to get by with, to be worth their time in every control step."""
 
 _FILLED = 0.45
@@ -117,7 +117,7 @@ def enclose(solid: Solid, most: int = _MOST, whole: Fit | None = None) -> list[F
     for part_a, part_b in _parts(solid, one):
         pair = (around(part_a, _ROUGH), around(part_b, _ROUGH))
         volume = pair[0].volume + pair[1].volume
-        if volume < _LOOSE * one.volume and (best is None or volume < best[0]):
+        if volume < LOOSE * one.volume and (best is None or volume < best[0]):
             best = volume, part_a, part_b
     if best is None:
         return [whole]
