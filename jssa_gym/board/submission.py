@@ -145,9 +145,6 @@ class Submission(Evaluation):
             check_unchanged(self.policy, self.code[1])
         return policy
 
-    def named_policy(self, cell: Setting) -> str:
-        return cell.policy
-
     def beside(self, board: Board, played: Episodes) -> Episodes:
         """The cells that were played, of everybody on the board and of this submission, on the same seeds.
 

@@ -16,7 +16,7 @@ from jssa_gym.policies import POLICIES, JPCPolicy, LearnedPolicy, Policy, load_p
 from jssa_gym.policies.adapted import HeldPolicy, normalised
 from jssa_gym.policies.model import ModelPolicy
 from jssa_gym.policies.normalisation import read_normalisation
-from jssa_gym.validation import positive_integer
+from jssa_gym.validation import check_fields, positive_integer
 
 _logger = logging.getLogger("jssa_gym")
 
@@ -36,7 +36,7 @@ class AsTrained:
     """File with the statistics of observations, of ``VecNormalize.save``."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "ticks", positive_integer("ticks", self.ticks))
+        check_fields(self, ("ticks",), positive_integer)
         if self.normalise is not None:
             object.__setattr__(self, "normalise", str(self.normalise))
             read_normalisation(str(self.normalise))

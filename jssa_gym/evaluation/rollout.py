@@ -13,6 +13,7 @@ from jssa_gym.exceptions import InterfaceError
 from jssa_gym.policies import Policy
 from jssa_gym.shields import SafetyFilter, Shield
 from jssa_gym.shields.offers import Offered
+from jssa_gym.shields.wrappers import layer_of
 from jssa_gym.types import Array, Decision, Scene, Trace
 
 
@@ -32,16 +33,6 @@ class _Stopwatch(SafetyFilter):
         decision = self.timed.decide(scene, nominal, path)
         self.elapsed = time.perf_counter() - start
         return decision
-
-
-def shield_of(env: gym.Env) -> Shield | None:
-    """The shield among an environment's wrappers."""
-    layer: Any = env
-    while isinstance(layer, gym.Wrapper):
-        if isinstance(layer, Shield):
-            return layer
-        layer = layer.env
-    return None
 
 
 def _setting(base: Any) -> dict[str, Any]:
@@ -70,7 +61,7 @@ class Recorder:
 
     def __init__(self, env: gym.Env, name: str = "", most: int | None = None) -> None:
         self._base: Any = env.unwrapped
-        self._shield = shield_of(env)
+        self._shield = layer_of(env, Shield)
         self._watch: _Stopwatch | None = None
         if self._shield is not None:
             self._watch = _Stopwatch(self._shield.filter)

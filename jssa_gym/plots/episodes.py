@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jssa_gym.evaluation.spans import spans
 from jssa_gym.palette import BLACK, BLUE, COLOURS, ORANGE, RED
 from jssa_gym.plots.style import legend_beside, styled
 from jssa_gym.robots import JointLimits
@@ -79,11 +79,6 @@ def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float
 
 def shade(panels: Sequence[Any], trace: Trace) -> None:
     """Mark when an episode's shield was active, on every panel."""
-    for start, end in _spans(trace.intervened):
+    for start, end in spans(trace.intervened):
         for panel in panels:
             panel.axvspan(trace.time[start] - trace.dt, trace.time[end - 1], color=ORANGE, alpha=_SHADE, linewidth=0.0)
-
-
-def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(active.astype(int), prepend=0, append=0))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

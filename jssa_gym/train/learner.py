@@ -172,10 +172,8 @@ def to_policy(model: BaseAlgorithm, config: TrainConfig, provenance: dict[str, A
         body, head, activation, output = "actor.mu.", None, "relu", "tanh"
     else:
         body, head, activation, output = "actor.latent_pi.", "actor.mu", "relu", "tanh"
-    names = [name.removesuffix(".weight") for name in state if name.startswith(body) and name.endswith(".weight")] + (
-        [head] if head else []
-    )
-    names = sorted(names[:-1], key=lambda name: int(name.rsplit(".", 1)[1])) + names[-1:] if head else names
+    hidden = [name.removesuffix(".weight") for name in state if name.startswith(body) and name.endswith(".weight")]
+    names = sorted(hidden, key=lambda name: int(name.rsplit(".", 1)[1])) + ([head] if head else [])
     layers = tuple((state[f"{name}.weight"], state[f"{name}.bias"]) for name in names)
     size = layers[0][0].shape[1]
     mean, std, norm = np.zeros(size), np.ones(size), model.get_vec_normalize_env()
