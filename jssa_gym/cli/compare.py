@@ -11,12 +11,13 @@ from rich.table import Table
 
 from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.engine import Engine
-from jssa_gym.cli.evaluate import Separation, Trained, find_policies_here, play, ticks, warn
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK, TRUST
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.comparison_page import write_page
 from jssa_gym.evaluation.contenders import NO_SENSOR
+from jssa_gym.evaluation.policy import AS_IT_IS, AsTrained
 from jssa_gym.evaluation.standings import UNFILTERED, Standing, median_time_to_goal, standings
 from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
@@ -55,9 +56,8 @@ class Compare:
     sensor: Annotated[str, SENSOR] = NO_SENSOR
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
-    trained: Annotated[Trained, tyro.conf.arg(name="")] = field(default_factory=Trained)
-    trust_pickle: bool = False
-    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
+    trained: Annotated[AsTrained, tyro.conf.arg(name="")] = AS_IT_IS
+    trust_pickle: Annotated[bool, TRUST] = False
     json: bool = False
     """Print JSON instead of a table."""
 
@@ -78,7 +78,7 @@ class Compare:
             robot=self.robot,
             pair_policies=self.pair_policies,
             sensor=self.sensor,
-            trained=self.trained.told(),
+            trained=self.trained,
         )
         reports = play(study, self.out, self.workers.chosen(), self.keep)
         ranked = standings(reports)
@@ -113,7 +113,7 @@ class Compare:
         if self.trained.ticks != 1:
             parts += ["--ticks", str(self.trained.ticks)]
         if self.trained.normalise is not None:
-            parts += ["--normalise", str(self.trained.normalise)]
+            parts += ["--normalise", self.trained.normalise]
         parts += [f"--{name.replace('_', '-')}" for name in ("pair_policies", "trust_pickle") if getattr(self, name)]
         return shlex.join(parts)
 
@@ -131,9 +131,8 @@ def _plain(one: Standing) -> dict[str, object]:
 
 def _show(ranked: list[Standing]) -> None:
     console = Terminal(width=140)
-    table = Table(title="over all tasks, people and policies, 95 % intervals")
-    for title in ("filter", "success and safe", "success", "collision", "moving contact", "fastest contact", "changed"):
-        table.add_column(title, justify="left" if title == "filter" else "right")
+    titles = ("filter", "success and safe", "success", "collision", "moving contact", "fastest contact", "changed")
+    table = table_of(*titles, title="over all tasks, people and policies, 95 % intervals")
     for one in ranked:
         rates, means = one.pooled.rates, one.pooled.means
         table.add_row(
@@ -148,11 +147,9 @@ def _show(ranked: list[Standing]) -> None:
 
 def _motion(ranked: list[Standing]) -> Table:
     """How smoothly the arm moves under each filter, and how long it takes."""
-    table = Table(title="how the arm moves, and for how long")
-    table.add_column("filter")
     motions = ("jumps by shield", "by policy", "status switches", "RMS jerk")
-    for title in ("success untouched", *motions, "median time", f"ratio to {UNFILTERED}"):
-        table.add_column(title, justify="right")
+    titles = ("filter", "success untouched", *motions, "median time", f"ratio to {UNFILTERED}")
+    table = table_of(*titles, title="how the arm moves, and for how long")
     for one in ranked:
         means, time = one.pooled.means, median_time_to_goal(one.pooled)
         table.add_row(

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from jssa_gym.cli.evaluate import find_policies_here, ticks
-from jssa_gym.cli.names import FILTER, OWN_HUMAN, POLICY, ROBOT, TASK
+from jssa_gym.cli.names import FILTER, OWN_HUMAN, POLICY, ROBOT, TASK, TRUST
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.datasets import DESCRIBED, Recipe, read_digest, write_dataset
@@ -51,8 +51,7 @@ class DatasetCommand:
     check: Path | None = None
     """Make none: tell whether the one in this folder, such as datasets/mine/reach-v0, still is what it was. The exit
     code is 1 if not. No other option but --json."""
-    trust_pickle: bool = False
-    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
+    trust_pickle: Annotated[bool, TRUST] = False
     json: bool = False
     """Print JSON instead of lines."""
 

@@ -17,7 +17,7 @@ from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.film import EVERY, film, pictures, require_film
 from jssa_gym.cli.names import ROBOT
 from jssa_gym.cli.progress import Bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.arm import DT
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation import Summary, make_policy, rollout, summarise
@@ -172,10 +172,8 @@ def _table(summaries: list[Summary], told: str) -> Table:
         summaries: One a shield.
         told: What the title says besides, of a policy's episode; empty for the paper's scene, which has no goal.
     """
-    table = Table(title=f"the same person under every shield{told}")
-    table.add_column("")
-    for summary in summaries:
-        table.add_column(summary.name, justify="right")
+    names = (summary.name for summary in summaries)
+    table = table_of("", *names, title=f"the same person under every shield{told}")
 
     def row(title: str, show: Callable[[Summary], str]) -> None:
         table.add_row(title, *(show(summary) for summary in summaries))

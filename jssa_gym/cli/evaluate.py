@@ -13,7 +13,7 @@ from rich.table import Table
 
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.files import own_folder, write_json
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK, TRUST
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.engine.cluster import Cluster
@@ -21,7 +21,7 @@ from jssa_gym.envs.arm import DT, MOVING
 from jssa_gym.evaluation.contenders import NO_SENSOR
 from jssa_gym.evaluation.ledger import CONFIG
 from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.evaluation.policy import AsTrained
+from jssa_gym.evaluation.policy import AS_IT_IS, AsTrained
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.slowdown import slowdown
@@ -80,20 +80,6 @@ class Separation:
 
 
 @dataclass(frozen=True)
-class Trained:
-    """How a trained policy was trained."""
-
-    ticks: int = 1
-    """For how many ticks a trained policy's action holds, as in the ActionRepeat of its training."""
-    normalise: Path | None = None
-    """File of VecNormalize.save, whose statistics a trained policy's observations are normalised with."""
-
-    def told(self) -> AsTrained:
-        """As evaluations have it."""
-        return AsTrained(self.ticks, None if self.normalise is None else str(self.normalise))
-
-
-@dataclass(frozen=True)
 class Evaluate:
     """Play episodes of one policy under one filter and print all metrics with 95 % intervals.
 
@@ -124,9 +110,8 @@ class Evaluate:
     sensor: Annotated[str, SENSOR] = NO_SENSOR
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
-    trained: Annotated[Trained, tyro.conf.arg(name="")] = field(default_factory=Trained)
-    trust_pickle: bool = False
-    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
+    trained: Annotated[AsTrained, tyro.conf.arg(name="")] = AS_IT_IS
+    trust_pickle: Annotated[bool, TRUST] = False
     json: bool = False
     """Print JSON instead of a table."""
 
@@ -146,7 +131,7 @@ class Evaluate:
             trust_pickle=self.trust_pickle,
             robot=self.robot,
             sensor=self.sensor,
-            trained=self.trained.told(),
+            trained=self.trained,
         )
         (report,) = play(study, self.out, self.workers.chosen(), self.keep)
         lost = None

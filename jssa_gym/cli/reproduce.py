@@ -15,7 +15,7 @@ from rich.text import Text
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure, write_json
 from jssa_gym.cli.progress import Bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.evaluation.blocked import blocked, warning
 from jssa_gym.paper import claims, experiments, handover_claims, index_claims, reported
 from jssa_gym.paper.claims import PAPER, Claim, Grid
@@ -175,18 +175,12 @@ def _plain(result: Result) -> dict[str, Any]:
 def _show(name: str, result: Result) -> None:
     console = Terminal(width=150)
     if result.measured:
-        table = Table("", title=name)
-        for title, unit in COLUMNS.values():
-            table.add_column(f"{title} [{unit}]", justify="right")
+        table = table_of("", *(f"{title} [{unit}]" for title, unit in COLUMNS.values()), title=name)
         for source, measures in result.measured.items():
             cells = ("–" if value is None else f"{value:.3f}" for value in dataclasses.astuple(measures))
             table.add_row(source, *cells, end_section=source.endswith(tuple(SHIELDS)[-1]))
         console.print(table)
-    table = Table("what the paper says", title=f"{name}: is it so here?")
-    sources = list(result.claims[0].verdicts)
-    for source in sources:
-        table.add_column(source)
-    table.add_column("")
+    table = Table("what the paper says", *result.claims[0].verdicts, "", title=f"{name}: is it so here?")
     for claim in result.claims:
         cells = (f"{'yes' if evidence.holds else 'no'}: {evidence.seen}" for evidence in claim.verdicts.values())
         table.add_row(claim.text, *cells, Text(claim.extent, "" if claim.extent == "reproduced" else "bold"))

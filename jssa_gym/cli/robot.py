@@ -8,13 +8,12 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.files import writable_folder, write_picture
 from jssa_gym.cli.progress import Bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.drawing import Marks
 from jssa_gym.envs.opengl import check_opengl
 from jssa_gym.envs.world import SCENES, World
@@ -220,18 +219,9 @@ def _show(arm: Examination, written: bool) -> None:
     for finding in arm.findings:
         mark = "!" if finding.stands else "-" if not finding.fits else " "
         console.say(f"{mark} {finding}")
-    table = Table(title=f"{arm.source.path.name}: {arm.anatomy.n} joints, reach {arm.anatomy.reach:.2f} m")
-    for title in (
-        "link",
-        "joint",
-        "capsules found",
-        "outside of own",
-        "of all",
-        "capsules",
-        "outside of these",
-        "of hull",
-    ):
-        table.add_column(title, justify="left" if title in ("link", "joint") else "right")
+    title = f"{arm.source.path.name}: {arm.anatomy.n} joints, reach {arm.anatomy.reach:.2f} m"
+    found, made = ("capsules found", "outside of own", "of all"), ("capsules", "outside of these", "of hull")
+    table = table_of("link", "joint", *found, *made, left=2, title=title)
     for cover in arm.covers:
         table.add_row(cover.body, cover.joint, str(len(cover.found)), *_row(cover))
     console.print(table)
@@ -252,15 +242,14 @@ def _row(cover: Cover) -> tuple[str, ...]:
 
 def _show_proof(proof: Proof) -> None:
     console = Terminal(width=120)
-    parts = Table(title="reach and authority over random postures")
-    for title in ("capsule", "moved by", "reach", "largest jerk of its far end"):
-        parts.add_column(title, justify="left" if title in ("capsule", "moved by") else "right")
+    titles = ("capsule", "moved by", "reach", "largest jerk of its far end")
+    parts = table_of(*titles, left=2, title="reach and authority over random postures")
     for part in proof.parts:
         parts.add_row(part.name, part.joint, f"{part.reach:.2f} m", f"{part.authority:.0f} m/s³")
     console.print(parts)
-    played = Table(title="shielded episodes beside a person who goes for the arm, judged by MuJoCo at 1 kHz")
-    for title in ("policy", "moving contacts", "limit violations", "collisions", "MuJoCo agrees", "joints travelled"):
-        played.add_column(title, justify="left" if title == "policy" else "right")
+    titles = ("policy", "moving contacts", "limit violations", "collisions", "MuJoCo agrees", "joints travelled")
+    about = "shielded episodes beside a person who goes for the arm, judged by MuJoCo at 1 kHz"
+    played = table_of(*titles, title=about)
     for one in proof.episodes:
         counts = (one.moving_contacts, one.limit_violations, one.collisions)
         agrees = "yes" if one.agrees else "no"

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
-from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.arguments import distinct
@@ -18,7 +17,7 @@ from jssa_gym.cli.evaluate import ticks
 from jssa_gym.cli.files import own_folder, write_figure
 from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, TASK, WRONG
 from jssa_gym.cli.progress import episodes_bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.engine.cluster import Cluster
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
@@ -145,17 +144,11 @@ def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
 
 def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow], ledger: Ledger[StressRow]) -> None:
     console = Terminal(width=140)
-    happened = Table(
-        title=f"{counted(len(ledger.episodes), 'episode')} of {ledger.plan.steps * DT:g} s, 95 % intervals"
-    )
-    did = Table(title="what the shields did, and what MuJoCo says")
-    for table in (happened, did):
-        for name in by:
-            table.add_column(name)
-    for title in ("contacts", "moving contacts", "limit violations", "fastest contact", "largest excess"):
-        happened.add_column(title, justify="right")
-    for title in ("stored stop", "intervened", "fault", "no stop", "joint speed", "judged", "disagree", "overlaps"):
-        did.add_column(title, justify="right")
+    episodes = f"{counted(len(ledger.episodes), 'episode')} of {ledger.plan.steps * DT:g} s, 95 % intervals"
+    titles = ("contacts", "moving contacts", "limit violations", "fastest contact", "largest excess")
+    happened = table_of(*by, *titles, left=len(by), title=episodes)
+    titles = ("stored stop", "intervened", "fault", "no stop", "joint speed", "judged", "disagree", "overlaps")
+    did = table_of(*by, *titles, left=len(by), title="what the shields did, and what MuJoCo says")
     for row in rows:
         happened.add_row(
             *row.group,

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from jssa_gym import plots
@@ -17,8 +16,8 @@ from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.files import writable_folder
 from jssa_gym.cli.film import EVERY, film, require_film
 from jssa_gym.cli.names import ROBOT, TASK
-from jssa_gym.cli.progress import Bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.progress import Bar, counting
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import ParameterError
@@ -148,8 +147,7 @@ class Train:
         torch.set_num_threads(self.threads)
         writable_folder(self.out, *_KEPT)
         console = Terminal(stderr=True)
-        columns: tuple[Any, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        with Bar(console, *columns, TimeElapsedColumn(), TimeRemainingColumn()) as progress:
+        with Bar(console, *counting()) as progress:
             bar = progress.add_task("policy steps", total=config.steps)
             try:
                 training = train(
@@ -235,10 +233,8 @@ def _show_seeds(outcomes: Sequence[SeedOutcome]) -> None:
 
 
 def _show(history: tuple[Leg, ...]) -> None:
-    table = Table(title="the training, leg by leg")
     titles = ("steps", "episodes", "success", "moving contacts", "changed", "eval: success", "safe", "moving", "time")
-    for title in titles:
-        table.add_column(title, justify="right")
+    table = table_of(*titles, left=0, title="the training, leg by leg")
     for leg in history:
         table.add_row(
             f"{leg.steps:,}",

@@ -31,9 +31,9 @@ class AsTrained:
     """
 
     ticks: int = 1
-    """For how many ticks an action was held, as of :class:`~jssa_gym.ActionRepeat`."""
+    """For how many ticks a trained policy's action holds, as in the ActionRepeat of its training."""
     normalise: str | None = None
-    """File with the statistics of observations, of ``VecNormalize.save``."""
+    """File of VecNormalize.save, whose statistics a trained policy's observations are normalised with."""
 
     def __post_init__(self) -> None:
         check_fields(self, ("ticks",), positive_integer)
