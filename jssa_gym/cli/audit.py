@@ -11,7 +11,7 @@ import tyro
 
 from jssa_gym import plots
 from jssa_gym.cli.evaluate import Separation
-from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.files import writable_folder, write_figure
 from jssa_gym.cli.names import FILTER, ROBOT
 from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.arm import DT
@@ -20,7 +20,7 @@ from jssa_gym.evaluation.audit.page import page, verdict
 from jssa_gym.evaluation.audit.safe import write_safe_trajectory
 from jssa_gym.robots import DEFAULT, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.storage import write_whole
+from jssa_gym.storage import write_json, write_whole
 from jssa_gym.text import counted
 
 _SHOWN = 10

@@ -15,13 +15,13 @@ from jssa_gym.certificate.certify import Certificate, certify
 from jssa_gym.certificate.counterexample import load_counterexample, play_on, save_counterexample
 from jssa_gym.certificate.lambda_map import LambdaMap, sweep
 from jssa_gym.cli.engine import Engine
-from jssa_gym.cli.files import own_folder, writable_folder, write_figure, write_json
+from jssa_gym.cli.files import own_folder, writable_folder, write_figure
 from jssa_gym.cli.progress import Bar, counting
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import judge
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
-from jssa_gym.storage import file_name
+from jssa_gym.storage import file_name, write_json
 from jssa_gym.validation import positive_integer
 
 _RESULTS = ("certificate.json", "chunks.jsonl", "map.json")

@@ -23,6 +23,7 @@ from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
 from jssa_gym.robots import DEFAULT
 from jssa_gym.robots.model import unpromised
+from jssa_gym.storage import plain
 
 
 @dataclass(frozen=True)
@@ -122,10 +123,10 @@ def _plain(one: Standing) -> dict[str, object]:
     return {
         "filter": one.filter,
         **{key: value for key, value in one.pooled.as_dict().items() if key in ("episodes", "rates", "means")},
-        "rate_differences": {name: asdict(difference) for name, difference in one.rates.items()},
-        "mean_differences": {name: asdict(mean) for name, mean in one.means.items()},
+        "rate_differences": plain(one.rates),
+        "mean_differences": plain(one.means),
         "median_time_to_goal": median_time_to_goal(one.pooled),
-        "slowdown": one.slowdown and asdict(one.slowdown),
+        "slowdown": plain(one.slowdown),
     }
 
 

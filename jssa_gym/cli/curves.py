@@ -2,17 +2,17 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from jssa_gym import plots
-from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.files import writable_folder, write_figure
 from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.storage import write_whole
+from jssa_gym.storage import plain, write_json, write_whole
 from jssa_gym.train.curves import MEASURES, LearningCurve, learning_curves
 
 _TITLES = ("trainings", "seeds", "policy steps", *MEASURES.values(), "of all episodes", "time of one")
@@ -50,7 +50,7 @@ class Curves:
             plots.require()
         curves = learning_curves(list(zip(labels, self.folders, strict=True)), resamples=self.resamples)
         writable_folder(self.out, "curves.json")
-        data = [asdict(curve) for curve in curves]
+        data = plain(curves)
         write_json(self.out / "curves.json", data)
         rows = [_row(curve) for curve in curves]
         write_whole(self.out / "curves.md", _markdown(rows))

@@ -1,7 +1,7 @@
 """``jssa-gym dataset``: episodes as a data set that Minari reads."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +15,7 @@ from jssa_gym.datasets import DESCRIBED, Recipe, read_digest, write_dataset
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import TASK_SHIELD
+from jssa_gym.storage import plain
 from jssa_gym.text import counted
 from jssa_gym.validation import known_name
 
@@ -72,8 +73,7 @@ class DatasetCommand:
             )
         same = made.digest == expected
         if self.json:
-            told = {**asdict(made), "path": str(made.path)}
-            print(json.dumps({**told, **({"as_described": same} if expected else {})}, indent=2))
+            print(json.dumps({**plain(made), **({"as_described": same} if expected else {})}, indent=2))
         else:
             out = Terminal()
             told = f"{counted(made.episodes, 'episode')}, {made.steps:,} steps, {made.size / 1e6:.1f} MB"

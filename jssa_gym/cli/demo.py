@@ -1,6 +1,5 @@
 """``jssa-gym demo``: the paper's scene, or a trained policy's task, under several shields with the same human."""
 
-import dataclasses
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from jssa_gym import plots
-from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.files import writable_folder, write_figure
 from jssa_gym.cli.film import EVERY, film, pictures, require_film
 from jssa_gym.cli.names import ROBOT
 from jssa_gym.cli.progress import Bar
@@ -27,6 +26,7 @@ from jssa_gym.humans import ApproachRetreat, HumanMotion
 from jssa_gym.policies import HoldPolicy, LearnedPolicy, Policy, load_policy
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import JSSAShield
+from jssa_gym.storage import plain, write_json
 from jssa_gym.validation import positive_number, whole_number
 
 _SHIELDS: dict[str, Callable[[gym.Env], gym.Env]] = {
@@ -94,7 +94,7 @@ class Demo:
                 env.close()
                 progress.advance(task)
             assert robot is not None
-            write_json(self.out / "metrics.json", [_plain(summary) for summary in summaries])
+            write_json(self.out / "metrics.json", plain(summaries))
             figure = plots.profile(traces, robot.limits, d_min)
             write_figure(self.out / "profile.png", figure)
             written = ["metrics.json", "profile.png"]
@@ -104,7 +104,7 @@ class Demo:
                 plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (DT * EVERY)))
                 written.append("side_by_side.mp4")
         if self.json:
-            print(json.dumps([_plain(summary) for summary in summaries], indent=2))
+            print(json.dumps(plain(summaries), indent=2))
         else:
             Terminal(width=100).print(_table(summaries, f", seed {seed}" if self.policy else ""))
         console.say(f"wrote {', '.join(str(self.out / name) for name in written)}")
@@ -157,12 +157,6 @@ def paper_scene(speed: float) -> HumanMotion:
         stay=(1.0, 1.0),
         acceleration=None,
     )
-
-
-def _plain(summary: Summary) -> dict[str, Any]:
-    """A summary as JSON can hold it: no infinity."""
-    values = dataclasses.asdict(summary)
-    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()}
 
 
 def _table(summaries: list[Summary], told: str) -> Table:

@@ -4,7 +4,7 @@ import json
 import shlex
 import sys
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +12,7 @@ import tyro
 from rich.table import Table
 
 from jssa_gym.cli.engine import Engine
-from jssa_gym.cli.files import own_folder, write_json
+from jssa_gym.cli.files import own_folder
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK, TRUST
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
@@ -30,6 +30,7 @@ from jssa_gym.evaluation.study import Evaluation, Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.robots.model import unpromised
+from jssa_gym.storage import plain, write_json
 from jssa_gym.text import counted
 
 
@@ -138,9 +139,9 @@ class Evaluate:
         if self.slowdown:
             nobody = replace(study, filters=("none",), humans=("none",), sensor=NO_SENSOR)
             lost = slowdown(report, play(nobody, self.out / "alone", self.workers.chosen(), 0)[0])
-            write_json(self.out / "slowdown.json", lost and asdict(lost))
+            write_json(self.out / "slowdown.json", plain(lost))
         if self.json:
-            told = report.as_dict() | ({"slowdown": lost and asdict(lost)} if self.slowdown else {})
+            told = report.as_dict() | ({"slowdown": plain(lost)} if self.slowdown else {})
             print(json.dumps(told, indent=2, allow_nan=False))
         else:
             _show(report)

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,9 +13,10 @@ from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.bvh import JOINTS, UNITS, CaptureOptions
 from jssa_gym.humans.files import Person, load
-from jssa_gym.humans.survey import Oddity, height_of, lowest_of
+from jssa_gym.humans.survey import height_of, lowest_of
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.speeds import PartSpeed, legs_of_feet, part_speeds, sufficient, time_beyond
+from jssa_gym.storage import plain
 from jssa_gym.text import counted
 from jssa_gym.validation import positive_number
 
@@ -206,7 +207,6 @@ def _show(name: str, person: Person, parts: list[PartSpeed], params: FailsafePar
 
 def _plain(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> dict[str, Any]:
     recording, made = person.recording, person.conversion
-    findings: list[Oddity] = person.findings()
     return {
         "samples": len(recording.time),
         "duration": recording.duration,
@@ -216,10 +216,10 @@ def _plain(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> di
         "read_as": None
         if made is None
         else {"unit": made.unit, "up": made.up, "first_frame": made.first, "dropped": made.dropped},
-        "parts": [asdict(part) for part in parts],
+        "parts": plain(parts),
         "beyond": time_beyond(recording, params),
         "sufficient": sufficient(parts, params),
-        "legs_of_feet": list(legs_of_feet(recording, params)),
+        "legs_of_feet": plain(legs_of_feet(recording, params)),
         "outside": _outside(person),
-        "findings": [asdict(finding) for finding in findings],
+        "findings": plain(person.findings()),
     }

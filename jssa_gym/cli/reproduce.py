@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jssa_gym import plots
-from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.files import writable_folder, write_figure
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.evaluation.blocked import blocked, warning
@@ -22,6 +22,7 @@ from jssa_gym.paper.claims import PAPER, Claim, Grid
 from jssa_gym.paper.experiments import SHIELDS
 from jssa_gym.paper.reported import COLUMNS, Measures
 from jssa_gym.safety.index import PUBLISHED
+from jssa_gym.storage import plain, write_json
 from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
@@ -164,11 +165,8 @@ def _row(measures: Measures) -> list[float]:
 def _plain(result: Result) -> dict[str, Any]:
     """A result as JSON can hold it."""
     return {
-        "measured": {name: dataclasses.asdict(measures) for name, measures in result.measured.items()},
-        "claims": [
-            {**dataclasses.asdict(claim), "reproduced": claim.reproduced, "extent": claim.extent}
-            for claim in result.claims
-        ],
+        "measured": plain(result.measured),
+        "claims": [{**plain(claim), "reproduced": claim.reproduced, "extent": claim.extent} for claim in result.claims],
     }
 
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +22,7 @@ from jssa_gym.exceptions import DisplayError, MissingExtraError, ParameterError
 from jssa_gym.humans import nobody
 from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, guessed_limits, make_robot
 from jssa_gym.robots.prepare import Cover, Examination, Preparation, examine, write_prepared
+from jssa_gym.storage import plain
 
 
 @dataclass(frozen=True)
@@ -178,14 +179,14 @@ def _picture(robot: RobotModel) -> Any:
 
 
 def _plain(arm: Examination, proof: Proof | None) -> dict[str, Any]:
-    return {
-        "file": str(arm.source.path),
-        "joints": list(arm.anatomy.joints),
+    told = {
+        "file": arm.source.path,
+        "joints": arm.anatomy.joints,
         "frozen": [arm.source.model.joint(j).name for j in arm.chain.frozen],
         "reach": arm.anatomy.reach,
-        "home": arm.home.tolist(),
-        "limits_guessed": list(arm.limits.guessed),
-        "findings": [{**asdict(one), "message": str(one)} for one in arm.findings],
+        "home": arm.home,
+        "limits_guessed": arm.limits.guessed,
+        "findings": [{**plain(one), "message": str(one)} for one in arm.findings],
         "links": [
             {
                 "joint": cover.joint,
@@ -195,23 +196,19 @@ def _plain(arm: Examination, proof: Proof | None) -> dict[str, Any]:
                 "outside_all_mm": _millimetres(cover.arm),
                 "capsules": len(cover.capsules),
                 "outside_prepared_mm": _millimetres(max(cover.left, 0.0)),
-                "volume_ratios": [_finite(round(ratio, 3)) for ratio in cover.ratios],
-                "volume_ratio_of_one": _finite(round(cover.alone, 3)),
+                "volume_ratios": [round(ratio, 3) for ratio in cover.ratios],
+                "volume_ratio_of_one": round(cover.alone, 3),
             }
             for cover in arm.covers
         ],
         "acceptable": arm.acceptable,
-        "proof": proof and {**asdict(proof), "uncovered": _finite(proof.uncovered), "holds": proof.holds},
+        "proof": proof and {**plain(proof), "holds": proof.holds},
     }
+    return plain(told)
 
 
-def _finite(number: float) -> float | None:
-    """A number as JSON can hold it."""
-    return number if np.isfinite(number) else None
-
-
-def _millimetres(metres: float) -> float | None:
-    return _finite(round(1e3 * metres, 2))
+def _millimetres(metres: float) -> float:
+    return round(1e3 * metres, 2)
 
 
 def _show(arm: Examination, written: bool) -> None:

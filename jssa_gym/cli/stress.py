@@ -1,6 +1,5 @@
 """``jssa-gym stress``: campaigns that try to break shields."""
 
-import dataclasses
 import json
 import shlex
 from collections.abc import Sequence
@@ -30,6 +29,7 @@ from jssa_gym.evaluation.runner import finish
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
+from jssa_gym.storage import plain
 from jssa_gym.text import counted
 
 
@@ -138,7 +138,7 @@ def _blocked(episodes: Sequence[StressRow]) -> str:
 
 
 def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
-    values = dataclasses.asdict(row)
+    values = plain(row)
     return {**dict(zip(by, values.pop("group"), strict=True)), **values}
 
 

@@ -20,12 +20,14 @@ from jssa_gym.storage.files import (
     whole_lines,
     write_whole,
 )
+from jssa_gym.storage.plain import plain, write_json
 
 __all__ = [
     "append_whole",
     "file_name",
     "open_archive",
     "open_whole",
+    "plain",
     "read_array",
     "read_header",
     "read_member",
@@ -36,6 +38,7 @@ __all__ = [
     "whole_file",
     "whole_lines",
     "write_archive",
+    "write_json",
     "write_sealed",
     "write_whole",
 ]

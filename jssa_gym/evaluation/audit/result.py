@@ -1,7 +1,5 @@
 """What an audit finds."""
 
-import dataclasses
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +10,7 @@ from jssa_gym.evaluation.audit.motion import Gap
 from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.spans import spans
 from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.storage import plain
 from jssa_gym.types import Array, Status, Trace
 
 _APART = 0.2
@@ -157,21 +156,21 @@ class Audit:
         logged, safe = self.totals()
         told = {
             "log": self.log,
-            "people": list(self.people),
+            "people": self.people,
             "robot": self.robot,
             "filter": self.filter,
-            "assumed": dataclasses.asdict(self.assumed),
+            "assumed": self.assumed,
             "dt": self.dt,
             "duration": self.duration,
-            "gaps": [one._asdict() for one in self.gaps],
+            "gaps": self.gaps,
             "would_intervene": bool(self.interventions),
-            "interventions": [dataclasses.asdict(one) for one in self.interventions],
+            "interventions": self.interventions,
             "intervention_time": self.held,
             "lateness": self.lateness,
             "logged": logged,
             "with_shield": safe,
-            "closest_logged": (one := self.closest(0)) and dataclasses.asdict(one),
-            "closest_with_shield": (one := self.closest(1)) and dataclasses.asdict(one),
+            "closest_logged": self.closest(0),
+            "closest_with_shield": self.closest(1),
             "stretches": [
                 {
                     "start": float(one.time[0] - self.dt),
@@ -184,7 +183,7 @@ class Audit:
                 for one in self.stretches
             ],
         }
-        return _finite(told)
+        return plain(told)
 
 
 def _figures(summary: Summary) -> dict[str, float | bool | None]:
@@ -212,13 +211,3 @@ def _together(summaries: Sequence[Summary]) -> dict[str, float | bool | None]:
         else:
             found[name] = max(value for value, _ in known)
     return found
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
