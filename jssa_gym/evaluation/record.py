@@ -13,6 +13,7 @@ from jssa_gym.envs.arm import MOVING
 from jssa_gym.envs.repeat import ActionRepeat
 from jssa_gym.evaluation.definitions import metrics_of
 from jssa_gym.evaluation.steps import Steps, StepSummary, summarise_steps
+from jssa_gym.evaluation.trace import UNSHIELDED
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.shields.reasons import OUTSIDE
 from jssa_gym.shields.wrappers import layer_of
@@ -22,6 +23,9 @@ from jssa_gym.vectors import refuse_vector
 
 _NEEDED = ("success", "distance", "contact", "contact_speed", "limit_violation")
 """Keys of ``info`` that there have to be; those of a shield may be missing."""
+
+_TOLD = ("intervened", "correction", "phi", "slack")
+"""What a shield says of a step, besides status and reason."""
 
 COLUMNS: dict[str, type] = {
     "reward": float,
@@ -90,17 +94,10 @@ class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
             self._rows.append(
                 (
                     float(reward),
-                    info["success"],
-                    info["distance"],
-                    info["contact"],
-                    info["contact_speed"],
-                    info["limit_violation"],
+                    *(info[name] for name in _NEEDED),
                     info.get("shield/status", 0),
                     info.get("shield/reason", OUTSIDE) != OUTSIDE,
-                    info.get("shield/intervened", False),
-                    info.get("shield/correction", np.nan),
-                    info.get("shield/phi", np.nan),
-                    info.get("shield/slack", np.nan),
+                    *(info.get(f"shield/{name}", UNSHIELDED[name]) for name in _TOLD),
                 )
             )
         except KeyError as error:

@@ -201,10 +201,9 @@ def _leg(
     model.set_random_seed(_seed(config.seed, number))
     model._last_obs = None  # the environments begin anew, as they would after an interruption
     end = min((number + 1) * config.interval, config.steps)
+    interval = 100 if isinstance(model, OffPolicyAlgorithm) else 1  # episodes, or updates
     begun, busy = time.monotonic(), time.process_time()
-    model.learn(
-        max(end - model.num_timesteps, 1), counter, reset_num_timesteps=False, log_interval=_log_interval(model)
-    )
+    model.learn(max(end - model.num_timesteps, 1), counter, reset_num_timesteps=False, log_interval=interval)
     seconds, processor_seconds = time.monotonic() - begun, time.process_time() - busy
     policy = to_policy(model, config)
     report = evaluate(partial(control_env, config), policy, config.eval_episodes, EVALUATION_SEED)
@@ -259,10 +258,6 @@ def _blocked(reason: str) -> str:
 def _seed(seed: int, leg: int) -> int:
     """The seed of a leg: nothing in common with its neighbours, below what evaluations use."""
     return int(np.random.SeedSequence([seed, leg]).generate_state(1)[0] % 1_000_000_000)
-
-
-def _log_interval(model: BaseAlgorithm) -> int:
-    return 100 if isinstance(model, OffPolicyAlgorithm) else 1  # episodes, or updates
 
 
 def _log(model: BaseAlgorithm, leg: Leg) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jssa_gym.evaluation.audit.result import FIGURES, Audit, AuditedStretch, ClosestApproach
+from jssa_gym.evaluation.audit.result import FIGURES, Audit, AuditedStretch
 from jssa_gym.evaluation.report import METRICS
 from jssa_gym.evaluation.svg import Markup, Panel, document, figure, note, rows_of, tag
 from jssa_gym.text import counted
@@ -89,12 +89,8 @@ def _figures(audit: Audit) -> Markup:
             "speed": "Of the arm's nearest point then.",
             "approach": "Rate at which the distance falls then.",
         }.get(what, "")
-        rows.append([f"closest {what}{unit}", text, *(_part(audit.closest(k), what) for k in (0, 1))])
+        rows.append([f"closest {what}{unit}", text, *(_told(getattr(audit.closest(k), what, None)) for k in (0, 1))])
     return rows_of(["", "what it is", "as logged", "with the shield"], rows, text=2, kind="text long")
-
-
-def _part(closest: ClosestApproach | None, what: str) -> str:
-    return "-" if closest is None else _told(getattr(closest, what))
 
 
 def _told(value: Any) -> str:

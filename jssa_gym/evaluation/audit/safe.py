@@ -30,10 +30,9 @@ def write_safe_trajectory(path: Path, audit: Audit) -> None:
     for stretch in audit.stretches:
         safe = stretch.safe
         first = (float(stretch.time[0] - safe.dt), *safe.initial_state.ravel().tolist(), "", "", "", 0.0)
-        writer.writerow([repr(one) if isinstance(one, float) else one for one in first])
+        writer.writerow(first)
         for k, time in enumerate(stretch.time.tolist()):
             state = [float(x) for name in what for x in getattr(safe, name)[k]]
             told = (Status(int(safe.status[k])).name, str(safe.reason[k]), float(safe.distance[k]))
-            row = (time, *state, *told, float(stretch.lateness[k]))
-            writer.writerow([repr(one) if isinstance(one, float) else one for one in row])
+            writer.writerow((time, *state, *told, float(stretch.lateness[k])))
     write_whole(path, text.getvalue())
