@@ -1,6 +1,5 @@
 """People by name: the package's own, several at once, those of before, and some that are faster than assumed."""
 
-import hashlib
 from collections.abc import Callable, Iterable
 from functools import cache, partial
 from pathlib import Path
@@ -10,7 +9,7 @@ from jssa_gym.humans import HUMANS, STREAMS, Hand, HumanMotion, Pursuit, WalkBy,
 from jssa_gym.humans.files import is_file, load
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.speeds import part_speeds
-from jssa_gym.storage import read_whole
+from jssa_gym.storage import read_whole, sha256
 from jssa_gym.validation import known_name
 
 MULTIPLES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
@@ -75,11 +74,7 @@ def known_person(human: str) -> str:
 
 def people_digests(humans: Iterable[str]) -> dict[str, str]:
     """Digests of the files among some people, by name."""
-    return {
-        human: hashlib.sha256(read_whole(Path(human), RecordingError)).hexdigest()[:16]
-        for human in humans
-        if is_file(human)
-    }
+    return {human: sha256(read_whole(Path(human), RecordingError))[:16] for human in humans if is_file(human)}
 
 
 @cache  # of files, which are asked about for every episode

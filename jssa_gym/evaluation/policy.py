@@ -1,6 +1,5 @@
 """The policy of an episode: a name, a file, a model or a function, and what tells it from another."""
 
-import hashlib
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from jssa_gym.policies import POLICIES, JPCPolicy, LearnedPolicy, Policy, load_p
 from jssa_gym.policies.adapted import HeldPolicy, normalised
 from jssa_gym.policies.model import ModelPolicy
 from jssa_gym.policies.normalisation import read_normalisation
+from jssa_gym.storage import sha256
 from jssa_gym.validation import check_fields, positive_integer
 
 _logger = logging.getLogger("jssa_gym")
@@ -51,7 +51,7 @@ class AsTrained:
         """What tells it from others, as JSON can hold it; nothing where there is nothing to tell."""
         told: dict[str, Any] = {} if self.ticks == 1 else {"ticks": self.ticks}
         if self.normalise is not None:
-            told["normalise"] = hashlib.sha256(Path(self.normalise).read_bytes()).hexdigest()
+            told["normalise"] = sha256(Path(self.normalise).read_bytes())
         return told
 
     def check(self, policies: Iterable[Any]) -> None:
@@ -155,4 +155,4 @@ def policy_code(policy: Any) -> str:
     file = None if policy in POLICIES else policy_file(policy)
     if file is None:
         return code_digest(policy_factory(policy))
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    return sha256(file.read_bytes())

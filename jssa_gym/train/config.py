@@ -1,6 +1,5 @@
 """A training, described completely; :data:`PRESETS` has those that were tuned."""
 
-import hashlib
 import json
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
@@ -11,6 +10,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS
 from jssa_gym.humans.files import is_file, load
 from jssa_gym.robots import DEFAULT, ROBOTS
+from jssa_gym.storage import sha256
 from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, OffPolicy, PPOLagrangian, SACLagrangian, Settings
 from jssa_gym.train.wrappers import LEAST_SHARE
 from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, true_or_false, whole_number
@@ -182,7 +182,7 @@ class TrainConfig:
             data["robot"] = robot_identity(self.robot)
         if not self.settings.decay:
             data["steps"] = 0
-        return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+        return sha256(json.dumps(data, sort_keys=True).encode())[:16]
 
 
 _TIP: dict[str, Any] = {"control": "tip", "share": 1.0, "ticks": 25}
