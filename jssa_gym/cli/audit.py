@@ -17,7 +17,7 @@ from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.audit import Audit, audit, read_log, read_person
 from jssa_gym.evaluation.audit.page import page, verdict
-from jssa_gym.evaluation.audit.safe import write_safe_trajectory
+from jssa_gym.evaluation.audit.result import write_safe_trajectory
 from jssa_gym.robots import DEFAULT, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.storage import write_json, write_whole

@@ -1,8 +1,8 @@
 """``jssa-gym robot``: anybody's arm file, looked at, prepared and proved."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,6 +26,13 @@ from jssa_gym.storage import plain
 
 
 @dataclass(frozen=True)
+class _Decided(Preparation):
+    """What is decided about a file by options of these names; its packages come from ``--package``."""
+
+    packages: Annotated[Mapping[str, Path], tyro.conf.Suppress] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Check:
     """Look at an arm's file, MJCF or URDF: say all at once what is in the way, prepare it, prove it.
 
@@ -37,24 +44,7 @@ class Check:
     """MJCF or URDF."""
     package: tuple[str, ...] = ()
     """NAME=DIR of the packages that a URDF names; those in and beside the file's folders are found without."""
-    freeze: tuple[str, ...] = ()
-    """Joints that may stand still, with all that refers to them; `all` for whatever has to."""
-    keep: tuple[str, ...] = ()
-    """Hinges that look like jaws and are joints of the arm."""
-    uncovered: tuple[str, ...] = ()
-    """Links, by body or joint, that get no capsules: nothing is measured there, and nothing promised."""
-    tip: str | None = None
-    """Body that the arm leads to, where several arms branch off."""
-    tool: str | None = None
-    """Site or body at the tool centre point."""
-    home: tuple[float, ...] | None = None
-    """Home posture, one number a joint [rad]; the file's keyframe, or looked for."""
-    limits: Path | None = None
-    """Table of velocity, acceleration and jerk limits, TOML; the one beside the file, or a guess that says so."""
-    group: int | None = None
-    """Geom group that holds the file's capsules; what its table of limits says, or else 3, of a URDF 0."""
-    units_checked: bool = False
-    """Lengths, ranges and velocities that look like another unit's are right."""
+    preparation: Annotated[_Decided, tyro.conf.arg(name="")] = field(default_factory=_Decided)
     write: Path | None = None
     """Folder for the prepared model, for `--robot FOLDER`."""
     prove: bool = True
@@ -66,18 +56,7 @@ class Check:
 
     def run(self) -> None:
         """Read, say, write, prove."""
-        preparation = Preparation(
-            self.freeze,
-            self.keep,
-            self.uncovered,
-            self.tip,
-            self.tool,
-            self.home,
-            self.limits,
-            self.units_checked,
-            _packages(self.package),
-            self.group,
-        )
+        preparation = replace(self.preparation, packages=_packages(self.package))
         console = Terminal(stderr=True)
         with Bar(console) as progress:
             progress.add_task(f"examining {self.file.name}", total=None)

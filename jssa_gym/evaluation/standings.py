@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.definitions import in_words
 from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.rows import EvaluationRow, Setting
 from jssa_gym.evaluation.slowdown import Slowdown
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, Rate, mean_difference, paired_difference, short
-from jssa_gym.evaluation.wording import in_words
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.types import Array
 
