@@ -13,7 +13,7 @@ from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure
-from jssa_gym.cli.film import EVERY, film, pictures, require_film
+from jssa_gym.cli.film import require_film, save_film
 from jssa_gym.cli.names import ROBOT
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal, table_of
@@ -79,14 +79,14 @@ class Demo:
         writable_folder(self.out, "metrics.json")
         console = Terminal(stderr=True)
         traces, summaries = [], []
-        robot, d_min = None, 0.05
+        robot = None
         seed = self._seed(make, drive, steps)
         with Bar(console) as progress:
             task = progress.add_task("simulating", total=len(_SHIELDS))
             for name, wrap in _SHIELDS.items():
                 env = wrap(make())
                 base: Any = env.unwrapped
-                robot, d_min = base.robot, base.d_min
+                robot = base.robot
                 rollout(env, drive(env), seed=seed, steps=5)  # compiles: not to be timed
                 trace = rollout(env, drive(env), seed=seed, steps=steps, name=name)
                 traces.append(trace)
@@ -95,14 +95,13 @@ class Demo:
                 progress.advance(task)
             assert robot is not None
             write_json(self.out / "metrics.json", plain(summaries))
-            figure = plots.profile(traces, robot.limits, d_min)
+            figure = plots.profile(traces, robot.limits, traces[0].d_min)
             write_figure(self.out / "profile.png", figure)
             written = ["metrics.json", "profile.png"]
             if self.video:
-                frames = film(traces, robot, d_min=d_min, pretty=self.pretty, capsules=self.capsules)
-                bar = progress.track(frames, total=pictures(traces), description="filming")
-                plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (DT * EVERY)))
                 written.append("side_by_side.mp4")
+                look = {"pretty": self.pretty, "capsules": self.capsules}
+                save_film(self.out / written[-1], traces, robot, progress, **look)
         if self.json:
             print(json.dumps(plain(summaries), indent=2))
         else:

@@ -11,10 +11,9 @@ from typing import Annotated, Any
 import tyro
 from rich.table import Table
 
-from jssa_gym import plots
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.files import writable_folder
-from jssa_gym.cli.film import EVERY, film, require_film
+from jssa_gym.cli.film import require_film, save_film
 from jssa_gym.cli.names import ROBOT, TASK
 from jssa_gym.cli.progress import Bar, counting
 from jssa_gym.cli.terminal import Terminal, table_of
@@ -200,8 +199,7 @@ class Train:
     def _film(self, policy: LearnedPolicy, config: TrainConfig) -> None:
         """The best policy's first episode of the evaluations."""
         trace = rollout(control_env(config, ("success",)), policy, seed=EVALUATION_SEED)
-        frames = film([trace], make_robot(config.robot).mounted(trace.mount), d_min=trace.d_min)
-        plots.write_film(self.out / "best.mp4", frames, rate=round(1.0 / (trace.dt * EVERY)))
+        save_film(self.out / "best.mp4", [trace], make_robot(config.robot).mounted(trace.mount))
 
 
 def _say(line: str) -> None:

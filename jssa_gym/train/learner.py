@@ -23,7 +23,7 @@ from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network
 from jssa_gym.text import show_messages
 from jssa_gym.train.config import INSTALL, TrainConfig
-from jssa_gym.train.environment import makers
+from jssa_gym.train.environment import training_env
 from jssa_gym.train.lagrangian import ConstrainedPPO, ConstrainedSAC, CostBuffer, CostLimit, ExecutedBuffer
 from jssa_gym.train.settings import PPO, TD3, TQC, OffPolicy, PPOLagrangian, SACLagrangian
 from jssa_gym.train.vector import ArmVecEnv, training_vector
@@ -36,7 +36,7 @@ def make_vec_env(config: TrainConfig) -> VecEnv:
     """The environments, stepped together."""
     if config.steps_as_vector:
         return ArmVecEnv(training_vector(config))
-    functions: list[Callable[[], gym.Env]] = [partial(_monitored, make) for make in makers(config)]
+    functions: list[Callable[[], gym.Env]] = [partial(_monitored, partial(training_env, config))] * config.envs
     if config.processes:
         try:
             return _Processes(functions, start_method="spawn")

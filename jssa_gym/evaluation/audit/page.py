@@ -31,6 +31,17 @@ _RULES = (
 )
 
 
+_CLOSEST = (
+    ("time", " [s]", "Of the closest approach, by the log's clock."),
+    ("distance", " [m]", ""),
+    ("speed", " [m/s]", "Of the arm's nearest point then."),
+    ("approach", " [m/s]", "Rate at which the distance falls then."),
+    ("robot", "", "Capsule of the arm."),
+    ("human", "", "Body part."),
+)
+"""What is told of the closest approach: field, unit, and what it is."""
+
+
 def page(audit: Audit, command: str) -> str:
     """The audit as HTML.
 
@@ -80,15 +91,7 @@ def _figures(audit: Audit) -> Markup:
     for name in FIGURES:
         unit = units[name].unit
         rows.append([f"{name} [{unit}]" if unit else name, units[name].text, _told(logged[name]), _told(safe[name])])
-    for what in ("time", "distance", "speed", "approach", "robot", "human"):
-        unit = {"time": " [s]", "distance": " [m]", "speed": " [m/s]", "approach": " [m/s]"}.get(what, "")
-        text = {
-            "time": "Of the closest approach, by the log's clock.",
-            "robot": "Capsule of the arm.",
-            "human": "Body part.",
-            "speed": "Of the arm's nearest point then.",
-            "approach": "Rate at which the distance falls then.",
-        }.get(what, "")
+    for what, unit, text in _CLOSEST:
         rows.append([f"closest {what}{unit}", text, *(_told(getattr(audit.closest(k), what, None)) for k in (0, 1))])
     return rows_of(["", "what it is", "as logged", "with the shield"], rows, text=2, kind="text long")
 
