@@ -16,10 +16,10 @@ from jssa_gym.storage import read_text, read_whole, refused, sha256, write_whole
 STORED = Path(__file__).parent / "episodes.csv.xz"
 """The leaderboard of docs/leaderboard.md."""
 
-Cell = tuple[str, str, str]
+BoardCell = tuple[str, str, str]
 """Task, people and policy."""
 
-Episodes = dict[Cell, dict[str, dict[int, dict[str, float]]]]
+Episodes = dict[BoardCell, dict[str, dict[int, dict[str, float]]]]
 """By cell, filter and seed."""
 
 MOTION = ("jerk_jumps_shield", "jerk_jumps_nominal", "status_switches", "jerk_rms")

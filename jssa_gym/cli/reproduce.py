@@ -18,7 +18,7 @@ from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.evaluation.blocked import blocked, warning
 from jssa_gym.paper import claims, experiments, handover_claims, index_claims, reported
-from jssa_gym.paper.claims import PAPER, Claim, Grid
+from jssa_gym.paper.claims import PAPER, Claim, LambdaTable
 from jssa_gym.paper.experiments import SHIELDS
 from jssa_gym.paper.reported import COLUMNS, Measures
 from jssa_gym.safety.index import PUBLISHED
@@ -82,7 +82,7 @@ def _fig10(done: Advance) -> Result:
 
 
 def _table1(done: Advance) -> Result:
-    tables: dict[str, Grid] = {**experiments.sensitivity(done=done)}
+    tables: dict[str, LambdaTable] = {**experiments.sensitivity(done=done)}
     every = {PAPER: reported.TABLE1, **tables}
     arrays = {
         name: np.array([[_row(table[a, b]) for a in reported.GRID] for b in reported.GRID])

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.exceptions import MissingExtraError, how_to_install
 from jssa_gym.palette import BLACK, COLOURS, Rgb, rgb
-from jssa_gym.plots.style import INSTALL
 from jssa_gym.text import printable
 from jssa_gym.types import Array
 
@@ -79,7 +78,7 @@ class _Strip:
             import matplotlib  # noqa: F401  # whose letters these are
             from PIL import Image, ImageDraw
         except ImportError as error:
-            raise MissingExtraError(f"figures need the extra 'plots': {INSTALL}") from error
+            raise MissingExtraError(f"figures need the extra 'plots': {how_to_install('plots')}") from error
         self._width, self._height = width, height
         self._image = Image.new("RGB", (width, height), GROUND)
         self._draw = ImageDraw.Draw(self._image)

@@ -5,7 +5,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
 
-from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.exceptions import MissingExtraError, how_to_install
 from jssa_gym.palette import BLACK, RED
 from jssa_gym.text import printable
 from jssa_gym.types import Trace
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 STYLE = Path(__file__).parent / "jssa.mplstyle"
 """For figures of one's own: ``matplotlib.style.use(jssa_gym.plots.style.STYLE)``."""
-
-INSTALL = "pip install 'jssa-gym[plots]', or pip install -e '.[plots]' in a clone"
 
 _Parameters = ParamSpec("_Parameters")
 
@@ -49,7 +47,7 @@ def draw_without_display() -> None:
     try:
         import matplotlib
     except ImportError as error:
-        raise MissingExtraError(f"figures need the extra 'plots': {INSTALL}") from error
+        raise MissingExtraError(f"figures need the extra 'plots': {how_to_install('plots')}") from error
     matplotlib.use("agg", force=False)
 
 

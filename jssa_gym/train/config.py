@@ -18,8 +18,6 @@ from jssa_gym.validation import check_fields, known_name, number_within, positiv
 LearnFrom = Literal["policy", "executed", "penalty", "both"]
 Control = Literal["jerk", "velocity", "position", "tip"]
 
-INSTALL = "pip install 'jssa-gym[train]', or pip install -e '.[train]' in a clone"
-
 LARGEST_SEED = 2**32 - 1
 """Of a training; what torch and numpy take."""
 

@@ -18,11 +18,11 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from jssa_gym.engine.workers import UNABLE
-from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
+from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError, how_to_install
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network
 from jssa_gym.text import show_messages
-from jssa_gym.train.config import INSTALL, TrainConfig
+from jssa_gym.train.config import TrainConfig
 from jssa_gym.train.environment import training_env
 from jssa_gym.train.lagrangian import ConstrainedPPO, ConstrainedSAC, CostBuffer, CostLimit, ExecutedBuffer
 from jssa_gym.train.settings import PPO, TD3, TQC, OffPolicy, PPOLagrangian, SACLagrangian
@@ -141,7 +141,7 @@ def _off_policy(
     try:
         import sb3_contrib
     except ImportError as error:
-        raise MissingExtraError(f"tqc needs sb3-contrib: {INSTALL}") from error
+        raise MissingExtraError(f"tqc needs sb3-contrib: {how_to_install('train')}") from error
     return sb3_contrib.TQC("MlpPolicy", env, **replay, **common)
 
 

@@ -18,11 +18,11 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from jssa_gym.evaluation.runner import evaluate
-from jssa_gym.exceptions import BlockedError, CheckpointError, MissingExtraError
+from jssa_gym.exceptions import BlockedError, CheckpointError, MissingExtraError, how_to_install
 from jssa_gym.policies.files import read_policy, save_policy
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.train.checkpoint import Checkpoint, latest_checkpoint, write_checkpoint
-from jssa_gym.train.config import EVALUATION_SEED, INSTALL, TrainConfig
+from jssa_gym.train.config import EVALUATION_SEED, TrainConfig
 from jssa_gym.train.environment import control_env
 from jssa_gym.train.history import RECORD, EpisodeCounter, Leg, as_rows, from_rows, write_history, write_record
 from jssa_gym.train.learner import build, to_policy
@@ -171,7 +171,7 @@ def _logger(folder: Path) -> Logger:
     try:
         return configure(str(folder), ["tensorboard"])
     except (ImportError, AssertionError) as error:  # the latter is what Stable-Baselines3 says without it
-        raise MissingExtraError(f"training needs the extra 'train' ({error}): {INSTALL}") from error
+        raise MissingExtraError(f"training needs the extra 'train' ({error}): {how_to_install('train')}") from error
     except OSError as error:
         raise CheckpointError(f"cannot write to {folder}: {error.strerror or error}") from error
 
