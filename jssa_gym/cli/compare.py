@@ -11,13 +11,12 @@ from rich.table import Table
 
 from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.engine import Engine
-from jssa_gym.cli.evaluate import Separation, find_policies_here, play, ticks, warn
+from jssa_gym.cli.evaluate import Separation, Trained, find_policies_here, play, ticks, warn
 from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK, TRUST
 from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.comparison_page import write_page
 from jssa_gym.evaluation.contenders import NO_SENSOR
-from jssa_gym.evaluation.policy import AS_IT_IS, AsTrained
 from jssa_gym.evaluation.standings import UNFILTERED, Standing, median_time_to_goal, standings
 from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
@@ -57,7 +56,7 @@ class Compare:
     sensor: Annotated[str, SENSOR] = NO_SENSOR
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
-    trained: Annotated[AsTrained, tyro.conf.arg(name="")] = AS_IT_IS
+    trained: Annotated[Trained, tyro.conf.arg(name="")] = field(default_factory=Trained)
     trust_pickle: Annotated[bool, TRUST] = False
     json: bool = False
     """Print JSON instead of a table."""
@@ -79,7 +78,7 @@ class Compare:
             robot=self.robot,
             pair_policies=self.pair_policies,
             sensor=self.sensor,
-            trained=self.trained,
+            trained=self.trained.told(),
         )
         reports = play(study, self.out, self.workers.chosen(), self.keep)
         ranked = standings(reports)
@@ -114,7 +113,7 @@ class Compare:
         if self.trained.ticks != 1:
             parts += ["--ticks", str(self.trained.ticks)]
         if self.trained.normalise is not None:
-            parts += ["--normalise", self.trained.normalise]
+            parts += ["--normalise", str(self.trained.normalise)]
         parts += [f"--{name.replace('_', '-')}" for name in ("pair_policies", "trust_pickle") if getattr(self, name)]
         return shlex.join(parts)
 

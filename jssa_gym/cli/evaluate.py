@@ -21,7 +21,7 @@ from jssa_gym.envs.arm import DT, MOVING
 from jssa_gym.evaluation.contenders import NO_SENSOR
 from jssa_gym.evaluation.ledger import CONFIG
 from jssa_gym.evaluation.metrics import SeparationParams
-from jssa_gym.evaluation.policy import AS_IT_IS, AsTrained
+from jssa_gym.evaluation.policy import AsTrained
 from jssa_gym.evaluation.report import METRICS, Report
 from jssa_gym.evaluation.runner import complete
 from jssa_gym.evaluation.slowdown import slowdown
@@ -81,6 +81,20 @@ class Separation:
 
 
 @dataclass(frozen=True)
+class Trained:
+    """How a trained policy was trained; the file is read when the command runs, not with its options."""
+
+    ticks: int = 1
+    """For how many ticks a trained policy's action holds, as in the ActionRepeat of its training."""
+    normalise: Path | None = None
+    """File of VecNormalize.save, whose statistics a trained policy's observations are normalised with."""
+
+    def told(self) -> AsTrained:
+        """As evaluations have it."""
+        return AsTrained(self.ticks, None if self.normalise is None else str(self.normalise))
+
+
+@dataclass(frozen=True)
 class Evaluate:
     """Play episodes of one policy under one filter and print all metrics with 95 % intervals.
 
@@ -111,7 +125,7 @@ class Evaluate:
     sensor: Annotated[str, SENSOR] = NO_SENSOR
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
-    trained: Annotated[AsTrained, tyro.conf.arg(name="")] = AS_IT_IS
+    trained: Annotated[Trained, tyro.conf.arg(name="")] = field(default_factory=Trained)
     trust_pickle: Annotated[bool, TRUST] = False
     json: bool = False
     """Print JSON instead of a table."""
@@ -132,7 +146,7 @@ class Evaluate:
             trust_pickle=self.trust_pickle,
             robot=self.robot,
             sensor=self.sensor,
-            trained=self.trained,
+            trained=self.trained.told(),
         )
         (report,) = play(study, self.out, self.workers.chosen(), self.keep)
         lost = None
