@@ -66,6 +66,11 @@ class MissingExtraError(JSSAGymError, ImportError):
     """An optional dependency is not installed; the message says what to install."""
 
 
+def how_to_install(extra: str) -> str:
+    """The commands that install an extra of this package, of a release or of a clone."""
+    return f"pip install 'jssa-gym[{extra}]', or pip install -e '.[{extra}]' in a clone"
+
+
 class RecordingError(JSSAGymError, ValueError):
     """Recorded motion of a person is malformed, truncated or not finite; the message says what and where."""
 

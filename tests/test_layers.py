@@ -45,7 +45,7 @@ HEAVY = {
     "mujoco": (
         *("headless", "robots.coverage", "robots.mjcf", "robots.model", "robots.prepare"),
         *("robots.reading", "robots.serial", "envs.drawing", "envs.opengl", "envs.stage"),
-        *("envs.window", "envs.world", "evaluation.inertia", "evaluation.oracle"),
+        *("envs.window", "envs.world", "evaluation.oracle"),
     ),
     "glfw": ("envs.window",),
     "PIL": ("plots",),

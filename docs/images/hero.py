@@ -96,7 +96,7 @@ def main() -> None:
             rollout(env, ToAndFro(env, postures), seed=0, options=options, steps=round(SECONDS / DT), name=name)
         )
         print(f"{name}: {traces[-1].distance.min():.3f} m, fastest contact {traces[-1].contact_speed.max():.2f} m/s")
-    frames = film(traces, base.robot, d_min=base.d_min, pretty=True, elevation=-22.0, every=2 * EVERY)
+    frames = film(traces, base.robot, pretty=True, elevation=-22.0, every=2 * EVERY)
     write_webp(Path(__file__).with_name("hero.webp"), map(Image.fromarray, frames), width=880)
 
 

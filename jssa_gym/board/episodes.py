@@ -1,7 +1,6 @@
 """Episodes of a comparison, as its folders have them, and as one compressed table that holds what tables need."""
 
 import csv
-import hashlib
 import io
 import json
 import lzma
@@ -12,15 +11,15 @@ from typing import Any, NamedTuple
 
 from jssa_gym.evaluation.ledger import CONFIG
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.storage import read_text, read_whole, refused, write_whole
+from jssa_gym.storage import read_text, read_whole, refused, sha256, write_whole
 
 STORED = Path(__file__).parent / "episodes.csv.xz"
 """The leaderboard of docs/leaderboard.md."""
 
-Cell = tuple[str, str, str]
+BoardCell = tuple[str, str, str]
 """Task, people and policy."""
 
-Episodes = dict[Cell, dict[str, dict[int, dict[str, float]]]]
+Episodes = dict[BoardCell, dict[str, dict[int, dict[str, float]]]]
 """By cell, filter and seed."""
 
 MOTION = ("jerk_jumps_shield", "jerk_jumps_nominal", "status_switches", "jerk_rms")
@@ -114,7 +113,7 @@ def store_board(folders: Sequence[Path], path: Path) -> str:
             writer.writerow((*names, *outcomes, *numbers, row.get("digest", "")[:_OF_DIGEST]))
     content = text.getvalue().encode()
     write_whole(path, lzma.compress(content, preset=9 | lzma.PRESET_EXTREME))
-    return hashlib.sha256(content).hexdigest()
+    return sha256(content)
 
 
 def read_board(path: Path = STORED) -> Board:
@@ -141,7 +140,7 @@ def read_board(path: Path = STORED) -> Board:
             found[row["task"], row["human"], row["policy"]][row["filter"]][int(row["seed"])] = _episode(row)
     if not (found and asked):
         raise ParameterError(f"{path} holds no leaderboard: there are no episodes in it")
-    return Board(found, asked, hashlib.sha256(unpacked).hexdigest())
+    return Board(found, asked, sha256(unpacked))
 
 
 def _asked(folder: Path) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 
-from jssa_gym.board.episodes import Board, Cell, Episodes
+from jssa_gym.board.episodes import Board, BoardCell, Episodes
 from jssa_gym.envs.arm import MOVING, ArmEnv
 from jssa_gym.evaluation.factories import load_factory
 from jssa_gym.evaluation.identity import code_digest
@@ -36,7 +36,7 @@ class Submission(Evaluation):
 
     by_name: ClassVar[bool] = False
 
-    cells: tuple[tuple[Cell, tuple[int, ...]], ...]
+    cells: tuple[tuple[BoardCell, tuple[int, ...]], ...]
     """Cells of the board, with their seeds."""
     filter: str
     """As :func:`~jssa_gym.shields.read_name` reads it, or ``"module:factory"``, see :func:`filter_factory`."""
@@ -144,9 +144,6 @@ class Submission(Evaluation):
         if self.policy:
             check_unchanged(self.policy, self.code[1])
         return policy
-
-    def named_policy(self, cell: Setting) -> str:
-        return cell.policy
 
     def beside(self, board: Board, played: Episodes) -> Episodes:
         """The cells that were played, of everybody on the board and of this submission, on the same seeds.

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.board.episodes import MOTION, Cell, Episodes
+from jssa_gym.board.episodes import MOTION, BoardCell, Episodes
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.slowdown import Slowdown
 from jssa_gym.evaluation.standings import UNFILTERED
@@ -62,7 +62,7 @@ def policies_of(found: Episodes) -> list[str]:
     return list(dict.fromkeys(policy for _, _, policy in found))
 
 
-def complete_cells(found: Episodes) -> tuple[Episodes, list[Cell]]:
+def complete_cells(found: Episodes) -> tuple[Episodes, list[BoardCell]]:
     """Cells in which every filter has the same seeds, and those that are left out."""
     filters = filters_of(found)
     short = [key for key, cell in found.items() if not comparable(cell, filters)]

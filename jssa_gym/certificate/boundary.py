@@ -50,11 +50,12 @@ class Domain:
     acceleration_share: float = 0.5
     """Joint accelerations, as a share of their limits."""
     authority: float = 0.0
-    """The joints' jerk bounds can give the distance at least so much jerk, either way [m/s³]."""
+    """The joints' jerk bounds can give the distance at least so much jerk, either way [m/s³]; a shield's rows ask for
+    5."""
     radius: float = 0.1
     """Radius of the person [m]."""
     band: float = 0.0
-    r"""How far below 0 :math:`\phi` may lie [m²]."""
+    """How far below 0 the index may lie [m²]."""
     viable: bool = True
     """Whether the jerk has to keep the joint limits recoverable, or only its own bounds."""
 

@@ -5,9 +5,8 @@ one person at constant velocity. It says nothing about several rows at once, nor
 is what the verified stop is for.
 """
 
-import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from jssa_gym.rates import Rate
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.condition import fastest_approach, needed_jerk
 from jssa_gym.safety.index import IndexParams
+from jssa_gym.storage import plain, sha256
 from jssa_gym.validation import known_name, positive_integer, positive_number, whole_number
 
 _CHUNK = 50_000
@@ -108,31 +108,16 @@ class Certificate:
 
     def plain(self) -> dict[str, Any]:
         """The certificate as JSON can hold it."""
-
-        def clean(value: Any) -> Any:
-            if hasattr(value, "_asdict"):
-                value = value._asdict()
-            if isinstance(value, dict):
-                return {str(key): clean(entry) for key, entry in value.items()}
-            if isinstance(value, list | tuple):
-                return [clean(entry) for entry in value]
-            if isinstance(value, np.ndarray):
-                return value.tolist()
-            return None if isinstance(value, float) and not np.isfinite(value) else value
-
-        values = clean(asdict(replace(self, links=())))
-        values["links"] = [clean({**asdict(link), "margin": link.margin, "holds": link.holds}) for link in self.links]
-        return {**values, "holds": self.holds, "suffices": self.suffices}
+        links = [plain({**plain(link), "margin": link.margin, "holds": link.holds}) for link in self.links]
+        return {**plain(self), "links": links, "holds": self.holds, "suffices": self.suffices}
 
 
 def _digest(robot: RobotModel) -> str:
     """Hash of all that the counts depend on: two models may have the same name."""
     limits = robot.limits
     arrays = (robot.links, robot.capsules, np.array(robot.tool_link), robot.tool_offset)
-    text = hashlib.sha256()
-    for array in (*arrays, limits.position, limits.velocity, limits.acceleration, limits.jerk):
-        text.update(array.tobytes())
-    return text.hexdigest()[:16]
+    bounds = (limits.position, limits.velocity, limits.acceleration, limits.jerk)
+    return sha256(b"".join(array.tobytes() for array in (*arrays, *bounds)))[:16]
 
 
 def moved_capsules(robot: RobotModel) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jssa_gym.certificate.boundary import BoundaryState
 from jssa_gym.evaluation.identity import code_version
-from jssa_gym.evaluation.trace import load_trace, read_meta, save_trace, trace_of
+from jssa_gym.evaluation.trace import beginning, load_trace, read_meta, save_trace, trace_of
 from jssa_gym.exceptions import TraceError
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.motion import integrate, violates
@@ -62,7 +62,7 @@ def play_on(
     shield = JSSAFilter(alone, dt, index, min_authority=0.0, recovery=0.0, viability=viable)
     bounds = robot.limits.bounds()
     wanted, state = np.zeros(robot.n), joints.copy()
-    scene = _scene(found, state, 0.0)
+    first = scene = _scene(found, state, 0.0)
     shield.reset(scene)
     rows: list[dict[str, Any]] = []
     for k in range(1, ticks + 1):
@@ -76,9 +76,6 @@ def play_on(
                 **scene.robot._asdict(),
                 "jerk": decision.jerk,
                 "nominal": wanted,
-                "goal": np.zeros(0),
-                "reward": 0.0,
-                "success": False,
                 "limit_violation": bool(violates(state, decision.jerk, bounds, 1e-9)),
                 "distance": near.smallest,
                 "speed": near.rate,
@@ -92,29 +89,16 @@ def play_on(
                 "correction": float(np.abs(decision.jerk / robot.limits.jerk).max()),
                 "phi": decision.phi,
                 "slack": decision.slack,
-                "shield_time": np.nan,
                 "human_start": scene.human.start,
                 "human_end": scene.human.end,
             }
         )
     once = {
+        **beginning(robot, found.joints, first.human, _NO_PLANES),
         "name": f"{found.capsule}, lambda = ({index.lambda1:g}, {index.lambda2:g})",
         "dt": dt,
-        "robot": robot.name,
-        "dynamics": "kinematic",
-        "task": "",
-        "holds": False,
         "d_min": index.d_min,
         "ended": "running",
-        "mount": np.array(robot.mount),
-        "initial_state": found.joints.copy(),
-        "initial_human": np.array([found.centre[None], found.centre[None]]),
-        "human_radius": np.array([found.radius]),
-        "human_person": np.zeros(1, np.int64),
-        "human_names": ("person",),
-        "plane_normal": _NO_PLANES.normal,
-        "plane_offset": _NO_PLANES.offset,
-        "plane_names": (),
     }
     return trace_of(once, rows)
 

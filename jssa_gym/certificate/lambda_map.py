@@ -1,7 +1,7 @@
 r"""The map of :math:`(\lambda_1, \lambda_2)`: how many boundary states each pair loses, and which loses the fewest."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from jssa_gym.kernels.feasibility import probe
 from jssa_gym.rates import Rate
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.index import IndexParams
+from jssa_gym.storage import plain
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, low_high, positive_integer, positive_number, whole_number
 
@@ -76,7 +77,7 @@ class LambdaMap:
 
     def plain(self) -> dict[str, Any]:
         """The map as JSON can hold it."""
-        return {**asdict(self), "best": asdict(self.best)}
+        return {**plain(self), "best": plain(self.best)}
 
 
 def sweep(

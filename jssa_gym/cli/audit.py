@@ -8,20 +8,19 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.evaluate import Separation
-from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.files import writable_folder, write_figure
 from jssa_gym.cli.names import FILTER, ROBOT
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.audit import Audit, audit, read_log, read_person
 from jssa_gym.evaluation.audit.page import page, verdict
-from jssa_gym.evaluation.audit.safe import write_safe_trajectory
+from jssa_gym.evaluation.audit.result import write_safe_trajectory
 from jssa_gym.robots import DEFAULT, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.storage import write_whole
+from jssa_gym.storage import write_json, write_whole
 from jssa_gym.text import counted
 
 _SHOWN = 10
@@ -104,9 +103,8 @@ def _show(found: Audit) -> None:
     console = Terminal(width=120)
     console.say(verdict(found))
     logged, safe = found.totals()
-    table = Table(title=f"{found.log} beside {', '.join(found.people) or 'nobody'}")
-    for title in ("", "as logged", "with the shield"):
-        table.add_column(title, justify="right" if title else "left")
+    title = f"{found.log} beside {', '.join(found.people) or 'nobody'}"
+    table = table_of("", "as logged", "with the shield", title=title)
     for name, values in {
         "smallest distance [m]": [one["min_distance"] for one in (logged, safe)],
         "distance - S_p, smallest [m]": [one["ssm_margin"] for one in (logged, safe)],

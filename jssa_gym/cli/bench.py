@@ -1,23 +1,22 @@
 """``jssa-gym bench``: speed, with what others need for the same beside it."""
 
-import dataclasses
 import json
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import gymnasium as gym
-from rich.table import Table
 
 from jssa_gym.cli import stopwatch
 from jssa_gym.cli.demo import paper_scene
 from jssa_gym.cli.names import ROBOT
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.stopwatch import Timing
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.evaluation.blocked import warning
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import JSSAShield
+from jssa_gym.storage import plain
 
 
 @dataclass(frozen=True)
@@ -81,14 +80,12 @@ class Bench:
 
     def _show(self, timings: list[Timing], first: tuple[float, float] | None, peer: str | None) -> None:
         if self.json:
-            result: dict[str, Any] = {"timings": [dataclasses.asdict(t) for t in timings], "cbfpy": peer}
+            result: dict[str, Any] = {"timings": plain(timings), "cbfpy": peer}
             if first:
                 result["first_use"] = {"compiling": first[0], "cached": first[1]}
             print(json.dumps(result, indent=2))
             return
-        table = Table("", "median [µs]", "p99 [µs]", "per second", title="one core, one run")
-        for column in table.columns[1:]:
-            column.justify = "right"
+        table = table_of("", "median [µs]", "p99 [µs]", "per second", title="one core, one run")
         for t in timings:
             table.add_row(t.name, f"{t.median * 1e6:.1f}", f"{t.p99 * 1e6:.1f}", f"{1.0 / t.median:,.0f}")
         console = Terminal()

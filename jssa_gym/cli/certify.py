@@ -1,14 +1,11 @@
 """``jssa-gym certify``: where an index can be kept, and where not."""
 
 import json
-from collections.abc import Generator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from jssa_gym import plots
@@ -18,17 +15,14 @@ from jssa_gym.certificate.certify import Certificate, certify
 from jssa_gym.certificate.counterexample import load_counterexample, play_on, save_counterexample
 from jssa_gym.certificate.lambda_map import LambdaMap, sweep
 from jssa_gym.cli.engine import Engine
-from jssa_gym.cli.files import own_folder, writable_folder, write_figure, write_json
-from jssa_gym.cli.progress import Bar
+from jssa_gym.cli.files import own_folder, writable_folder, write_figure
+from jssa_gym.cli.progress import Bar, counting
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation import judge
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.index import DEFAULT, PUBLISHED, IndexParams
-from jssa_gym.storage import file_name
+from jssa_gym.storage import file_name, write_json
 from jssa_gym.validation import positive_integer
-
-_DEFAULT = Domain()
-
 
 _RESULTS = ("certificate.json", "chunks.jsonl", "map.json")
 """Files of which there is one as soon as there is anything."""
@@ -53,22 +47,7 @@ class Certify:
     """Name of a robot, an MJCF file with its limits beside it, or a folder of jssa-gym robot check --write."""
     capsules: tuple[str, ...] = ()
     """Of the robot; all that more than one joint moves if there is none."""
-    tip_speed: float = _DEFAULT.tip_speed
-    """Domain: the tool centre point is no faster [m/s]."""
-    human_speed: float = _DEFAULT.human_speed
-    """Domain: nor is the person [m/s]."""
-    distance: tuple[float, float] = _DEFAULT.distance
-    """Domain: range of the surface distance [m]."""
-    speed_share: float = _DEFAULT.speed_share
-    """Domain: joint speeds, as a share of their limits."""
-    acceleration_share: float = _DEFAULT.acceleration_share
-    """Domain: joint accelerations, as a share of their limits."""
-    authority: float = _DEFAULT.authority
-    """Domain: the joints can give the distance at least so much jerk [m/s³]; the shield's rows ask for 5."""
-    radius: float = _DEFAULT.radius
-    """Domain: of the person, a sphere [m]."""
-    viable: bool = True
-    """Whether the jerk has to keep the joint limits recoverable, or only its own bounds."""
+    domain: Annotated[Domain, tyro.conf.arg(name="")] = field(default_factory=Domain)
     states: int | None = None
     """How many of each capsule, 100,000 unless given; with --sweep of each capsule and pair, 5,000."""
     seed: int = 0
@@ -101,32 +80,22 @@ class Certify:
             return
         if self.states is not None:
             positive_integer("states", self.states)
-        domain = Domain(
-            self.tip_speed,
-            self.human_speed,
-            self.distance,
-            self.speed_share,
-            self.acceleration_share,
-            self.authority,
-            self.radius,
-            viable=self.viable,
-        )
         if self.sweep:
-            self._sweep(domain)
+            self._sweep()
         else:
-            self._certify(domain)
+            self._certify()
 
-    def _certify(self, domain: Domain) -> None:
+    def _certify(self) -> None:
         own_folder(self.out, *_RESULTS)
         index = IndexParams(d_min=self.d_min, lambda1=self.lambda1, lambda2=self.lambda2)
         robot, console = make_robot(self.robot), Terminal(stderr=True)
         try:
-            with _progress(console, "states") as progress:
+            with Bar(console, *counting()) as progress:
                 task = progress.add_task("states", total=None)
                 found = certify(
                     robot,
                     index,
-                    domain=domain,
+                    domain=self.domain,
                     capsules=self.capsules,
                     states=100_000 if self.states is None else self.states,
                     seed=self.seed,
@@ -145,7 +114,7 @@ class Certify:
             path = self.out / f"counterexample-{file_name(link.capsule)}.npz"
             path.unlink(missing_ok=True)
             if not link.worst.ahead <= KEPT:
-                save_counterexample(path, robot, index, link.worst, dt=found.dt, viable=domain.viable)
+                save_counterexample(path, robot, index, link.worst, dt=found.dt, viable=self.domain.viable)
                 written.append(path)
         if self.json:
             print(json.dumps(plain, indent=2))
@@ -156,11 +125,11 @@ class Certify:
         if not found.holds:
             raise SystemExit(1)
 
-    def _sweep(self, domain: Domain) -> None:
+    def _sweep(self) -> None:
         plots.require()
         robot, console = make_robot(self.robot), Terminal(stderr=True)
         writable_folder(self.out, *_RESULTS)
-        with _progress(console, "pairs") as progress:
+        with Bar(console, *counting()) as progress:
             task, total = progress.add_task("pairs", total=0), 0
 
             def done(count: int) -> None:
@@ -175,7 +144,7 @@ class Certify:
                 d_min=self.d_min,
                 grid=self.grid,
                 trigger=self.trigger,
-                domain=domain,
+                domain=self.domain,
                 capsules=self.capsules,
                 states=5_000 if self.states is None else self.states,
                 seed=self.seed,
@@ -218,13 +187,6 @@ class Certify:
             )
         if not (same and verdict.agrees):
             raise SystemExit(1)
-
-
-@contextmanager
-def _progress(console: Terminal, unit: str) -> Generator[Progress]:
-    columns: tuple[Any, ...] = (TextColumn(unit), BarColumn(), MofNCompleteColumn())
-    with Bar(console, *columns, TimeElapsedColumn(), TimeRemainingColumn()) as progress:
-        yield progress
 
 
 def _what_is_uncovered(robot: RobotModel) -> dict[str, list[str]]:

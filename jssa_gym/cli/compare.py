@@ -12,8 +12,8 @@ from rich.table import Table
 from jssa_gym.cli.arguments import distinct
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import Separation, Trained, find_policies_here, play, ticks, warn
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK, TRUST
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.comparison_page import write_page
 from jssa_gym.evaluation.contenders import NO_SENSOR
@@ -22,6 +22,7 @@ from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
 from jssa_gym.robots import DEFAULT
 from jssa_gym.robots.model import unpromised
+from jssa_gym.storage import plain
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,7 @@ class Compare:
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
     trained: Annotated[Trained, tyro.conf.arg(name="")] = field(default_factory=Trained)
-    trust_pickle: bool = False
-    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
+    trust_pickle: Annotated[bool, TRUST] = False
     json: bool = False
     """Print JSON instead of a table."""
 
@@ -122,18 +122,17 @@ def _plain(one: Standing) -> dict[str, object]:
     return {
         "filter": one.filter,
         **{key: value for key, value in one.pooled.as_dict().items() if key in ("episodes", "rates", "means")},
-        "rate_differences": {name: asdict(difference) for name, difference in one.rates.items()},
-        "mean_differences": {name: asdict(mean) for name, mean in one.means.items()},
+        "rate_differences": plain(one.rates),
+        "mean_differences": plain(one.means),
         "median_time_to_goal": median_time_to_goal(one.pooled),
-        "slowdown": one.slowdown and asdict(one.slowdown),
+        "slowdown": plain(one.slowdown),
     }
 
 
 def _show(ranked: list[Standing]) -> None:
     console = Terminal(width=140)
-    table = Table(title="over all tasks, people and policies, 95 % intervals")
-    for title in ("filter", "success and safe", "success", "collision", "moving contact", "fastest contact", "changed"):
-        table.add_column(title, justify="left" if title == "filter" else "right")
+    titles = ("filter", "success and safe", "success", "collision", "moving contact", "fastest contact", "changed")
+    table = table_of(*titles, title="over all tasks, people and policies, 95 % intervals")
     for one in ranked:
         rates, means = one.pooled.rates, one.pooled.means
         table.add_row(
@@ -148,11 +147,9 @@ def _show(ranked: list[Standing]) -> None:
 
 def _motion(ranked: list[Standing]) -> Table:
     """How smoothly the arm moves under each filter, and how long it takes."""
-    table = Table(title="how the arm moves, and for how long")
-    table.add_column("filter")
     motions = ("jumps by shield", "by policy", "status switches", "RMS jerk")
-    for title in ("success untouched", *motions, "median time", f"ratio to {UNFILTERED}"):
-        table.add_column(title, justify="right")
+    titles = ("filter", "success untouched", *motions, "median time", f"ratio to {UNFILTERED}")
+    table = table_of(*titles, title="how the arm moves, and for how long")
     for one in ranked:
         means, time = one.pooled.means, median_time_to_goal(one.pooled)
         table.add_row(

@@ -2,18 +2,17 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
-from rich.table import Table
 
 from jssa_gym import plots
-from jssa_gym.cli.files import writable_folder, write_figure, write_json
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.files import writable_folder, write_figure
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.storage import write_whole
+from jssa_gym.storage import plain, write_json, write_whole
 from jssa_gym.train.curves import MEASURES, LearningCurve, learning_curves
 
 _TITLES = ("trainings", "seeds", "policy steps", *MEASURES.values(), "of all episodes", "time of one")
@@ -51,7 +50,7 @@ class Curves:
             plots.require()
         curves = learning_curves(list(zip(labels, self.folders, strict=True)), resamples=self.resamples)
         writable_folder(self.out, "curves.json")
-        data = [_as_json(curve) for curve in curves]
+        data = plain(curves)
         write_json(self.out / "curves.json", data)
         rows = [_row(curve) for curve in curves]
         write_whole(self.out / "curves.md", _markdown(rows))
@@ -63,25 +62,13 @@ class Curves:
             _show(rows)
 
 
-def _as_json(curve: LearningCurve) -> dict[str, Any]:
-    return asdict(curve)
-
-
 def _row(curve: LearningCurve) -> tuple[str, ...]:
     """What a label has come to at its end."""
     shares = [_told(curve, name, 100.0, " %") for name in ("success", "reached")]
     clock = "processor" if curve.processor else "wall clock"
-    return (
-        *(
-            curve.label,
-            str(curve.runs),
-            f"{curve.steps[-1]:,}",
-            *shares,
-            _told(curve, "return"),
-            _told(curve, "contacts"),
-        ),
-        *(str(curve.moving_contacts or "–"), f"{curve.seconds[-1] / 60.0:.1f} min ({clock})"),
-    )
+    numbers = (*shares, _told(curve, "return"), _told(curve, "contacts"), str(curve.moving_contacts or "–"))
+    time = f"{curve.seconds[-1] / 60.0:.1f} min ({clock})"
+    return curve.label, str(curve.runs), f"{curve.steps[-1]:,}", *numbers, time
 
 
 def _told(curve: LearningCurve, name: str, factor: float = 1.0, unit: str = "") -> str:
@@ -96,9 +83,7 @@ def _markdown(rows: Sequence[Sequence[str]]) -> str:
 
 
 def _show(rows: Sequence[Sequence[str]]) -> None:
-    table = Table(title="at the end: interquartile means over seeds, 95 % intervals")
-    for title in _TITLES:
-        table.add_column(title, justify="left" if title == _TITLES[0] else "right")
+    table = table_of(*_TITLES, title="at the end: interquartile means over seeds, 95 % intervals")
     for row in rows:
         table.add_row(*row)
     Terminal(width=140).print(table)

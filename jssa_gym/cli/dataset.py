@@ -1,20 +1,21 @@
 """``jssa-gym dataset``: episodes as a data set that Minari reads."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from jssa_gym.cli.evaluate import find_policies_here, ticks
-from jssa_gym.cli.names import FILTER, OWN_HUMAN, POLICY, ROBOT, TASK
+from jssa_gym.cli.names import FILTER, OWN_HUMAN, POLICY, ROBOT, TASK, TRUST
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.datasets import DESCRIBED, Recipe, read_digest, write_dataset
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import TASK_SHIELD
+from jssa_gym.storage import plain
 from jssa_gym.text import counted
 from jssa_gym.validation import known_name
 
@@ -51,8 +52,7 @@ class DatasetCommand:
     check: Path | None = None
     """Make none: tell whether the one in this folder, such as datasets/mine/reach-v0, still is what it was. The exit
     code is 1 if not. No other option but --json."""
-    trust_pickle: bool = False
-    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
+    trust_pickle: Annotated[bool, TRUST] = False
     json: bool = False
     """Print JSON instead of lines."""
 
@@ -73,8 +73,7 @@ class DatasetCommand:
             )
         same = made.digest == expected
         if self.json:
-            told = {**asdict(made), "path": str(made.path)}
-            print(json.dumps({**told, **({"as_described": same} if expected else {})}, indent=2))
+            print(json.dumps({**plain(made), **({"as_described": same} if expected else {})}, indent=2))
         else:
             out = Terminal()
             told = f"{counted(made.episodes, 'episode')}, {made.steps:,} steps, {made.size / 1e6:.1f} MB"

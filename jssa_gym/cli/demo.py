@@ -1,6 +1,5 @@
 """``jssa-gym demo``: the paper's scene, or a trained policy's task, under several shields with the same human."""
 
-import dataclasses
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,11 +12,11 @@ import numpy as np
 from rich.table import Table
 
 from jssa_gym import plots
-from jssa_gym.cli.files import writable_folder, write_figure, write_json
-from jssa_gym.cli.film import EVERY, film, pictures, require_film
+from jssa_gym.cli.files import writable_folder, write_figure
+from jssa_gym.cli.film import require_film, save_film
 from jssa_gym.cli.names import ROBOT
 from jssa_gym.cli.progress import Bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.arm import DT
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation import Summary, make_policy, rollout, summarise
@@ -27,6 +26,7 @@ from jssa_gym.humans import ApproachRetreat, HumanMotion
 from jssa_gym.policies import HoldPolicy, LearnedPolicy, Policy, load_policy
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import JSSAShield
+from jssa_gym.storage import plain, write_json
 from jssa_gym.validation import positive_number, whole_number
 
 _SHIELDS: dict[str, Callable[[gym.Env], gym.Env]] = {
@@ -79,14 +79,14 @@ class Demo:
         writable_folder(self.out, "metrics.json")
         console = Terminal(stderr=True)
         traces, summaries = [], []
-        robot, d_min = None, 0.05
+        robot = None
         seed = self._seed(make, drive, steps)
         with Bar(console) as progress:
             task = progress.add_task("simulating", total=len(_SHIELDS))
             for name, wrap in _SHIELDS.items():
                 env = wrap(make())
                 base: Any = env.unwrapped
-                robot, d_min = base.robot, base.d_min
+                robot = base.robot
                 rollout(env, drive(env), seed=seed, steps=5)  # compiles: not to be timed
                 trace = rollout(env, drive(env), seed=seed, steps=steps, name=name)
                 traces.append(trace)
@@ -94,17 +94,16 @@ class Demo:
                 env.close()
                 progress.advance(task)
             assert robot is not None
-            write_json(self.out / "metrics.json", [_plain(summary) for summary in summaries])
-            figure = plots.profile(traces, robot.limits, d_min)
+            write_json(self.out / "metrics.json", plain(summaries))
+            figure = plots.profile(traces, robot.limits, traces[0].d_min)
             write_figure(self.out / "profile.png", figure)
             written = ["metrics.json", "profile.png"]
             if self.video:
-                frames = film(traces, robot, d_min=d_min, pretty=self.pretty, capsules=self.capsules)
-                bar = progress.track(frames, total=pictures(traces), description="filming")
-                plots.write_film(self.out / "side_by_side.mp4", iter(bar), rate=round(1.0 / (DT * EVERY)))
                 written.append("side_by_side.mp4")
+                look = {"pretty": self.pretty, "capsules": self.capsules}
+                save_film(self.out / written[-1], traces, robot, progress, **look)
         if self.json:
-            print(json.dumps([_plain(summary) for summary in summaries], indent=2))
+            print(json.dumps(plain(summaries), indent=2))
         else:
             Terminal(width=100).print(_table(summaries, f", seed {seed}" if self.policy else ""))
         console.say(f"wrote {', '.join(str(self.out / name) for name in written)}")
@@ -159,12 +158,6 @@ def paper_scene(speed: float) -> HumanMotion:
     )
 
 
-def _plain(summary: Summary) -> dict[str, Any]:
-    """A summary as JSON can hold it: no infinity."""
-    values = dataclasses.asdict(summary)
-    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in values.items()}
-
-
 def _table(summaries: list[Summary], told: str) -> Table:
     """The episodes side by side.
 
@@ -172,10 +165,8 @@ def _table(summaries: list[Summary], told: str) -> Table:
         summaries: One a shield.
         told: What the title says besides, of a policy's episode; empty for the paper's scene, which has no goal.
     """
-    table = Table(title=f"the same person under every shield{told}")
-    table.add_column("")
-    for summary in summaries:
-        table.add_column(summary.name, justify="right")
+    names = (summary.name for summary in summaries)
+    table = table_of("", *names, title=f"the same person under every shield{told}")
 
     def row(title: str, show: Callable[[Summary], str]) -> None:
         table.add_row(title, *(show(summary) for summary in summaries))

@@ -4,7 +4,7 @@ import json
 import shlex
 import sys
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,8 +12,8 @@ import tyro
 from rich.table import Table
 
 from jssa_gym.cli.engine import Engine
-from jssa_gym.cli.files import own_folder, write_json
-from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK
+from jssa_gym.cli.files import own_folder
+from jssa_gym.cli.names import FILTER, HUMAN, POLICY, ROBOT, SENSOR, TASK, TRUST
 from jssa_gym.cli.progress import episodes_bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.engine.cluster import Cluster
@@ -30,6 +30,7 @@ from jssa_gym.evaluation.study import Evaluation, Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.robots.model import unpromised
+from jssa_gym.storage import plain, write_json
 from jssa_gym.text import counted
 
 
@@ -81,7 +82,7 @@ class Separation:
 
 @dataclass(frozen=True)
 class Trained:
-    """How a trained policy was trained."""
+    """How a trained policy was trained; the file is read when the command runs, not with its options."""
 
     ticks: int = 1
     """For how many ticks a trained policy's action holds, as in the ActionRepeat of its training."""
@@ -125,8 +126,7 @@ class Evaluate:
     separation: Annotated[Separation, tyro.conf.arg(name="")] = field(default_factory=Separation)
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
     trained: Annotated[Trained, tyro.conf.arg(name="")] = field(default_factory=Trained)
-    trust_pickle: bool = False
-    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
+    trust_pickle: Annotated[bool, TRUST] = False
     json: bool = False
     """Print JSON instead of a table."""
 
@@ -153,9 +153,9 @@ class Evaluate:
         if self.slowdown:
             nobody = replace(study, filters=("none",), humans=("none",), sensor=NO_SENSOR)
             lost = slowdown(report, play(nobody, self.out / "alone", self.workers.chosen(), 0)[0])
-            write_json(self.out / "slowdown.json", lost and asdict(lost))
+            write_json(self.out / "slowdown.json", plain(lost))
         if self.json:
-            told = report.as_dict() | ({"slowdown": lost and asdict(lost)} if self.slowdown else {})
+            told = report.as_dict() | ({"slowdown": plain(lost)} if self.slowdown else {})
             print(json.dumps(told, indent=2, allow_nan=False))
         else:
             _show(report)

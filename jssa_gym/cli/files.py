@@ -1,25 +1,19 @@
 """Results on disk: complete, or not there."""
 
-import json
 import os
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym import plots
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.storage import whole_file, write_whole
+from jssa_gym.storage import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def write_json(path: Path, data: Any) -> None:
-    """Write JSON into a file that is complete or not there."""
-    write_whole(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
 
 
 def write_figure(path: Path, figure: "Figure") -> None:

@@ -1,10 +1,12 @@
 """Films of recorded episodes, all with one look."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.progress import Progress
 
 from jssa_gym import plots
 from jssa_gym.envs.camera import ELEVATION
@@ -96,7 +98,6 @@ def film(
     traces: Sequence[Trace],
     robot: RobotModel,
     *,
-    d_min: float,
     pretty: bool = False,
     capsules: bool = False,
     elevation: float = ELEVATION,
@@ -111,7 +112,6 @@ def film(
     Args:
         traces: Episodes of the same length, robot and half-spaces.
         robot: The robot, where it stands.
-        d_min: Marked on the gauge [m].
         pretty: Shadows and smooth edges: ten times slower.
         capsules: Whether the capsules, which are what is measured, are drawn too.
         elevation: Of the camera, negative for one that looks down [degrees].
@@ -123,11 +123,26 @@ def film(
     world.look_from(episode_camera(traces, robot, WIDTH / HEIGHT, elevation))
     try:
         for k, again in itertools.groupby(rows(traces, every)):
-            picture = _beside([_column(world, trace, k, robot, d_min, capsules) for trace in traces])
+            picture = _beside([_column(world, trace, k, robot, capsules) for trace in traces])
             for _ in again:
                 yield picture
     finally:
         world.close()
+
+
+def rate_of(trace: Trace) -> int:
+    """Pictures a second, so that a film takes as long as what it shows."""
+    return round(1.0 / (trace.dt * EVERY))
+
+
+def save_film(
+    path: Path, traces: Sequence[Trace], robot: RobotModel, progress: Progress | None = None, **look: bool
+) -> None:
+    """Write the film of :func:`film`, under a bar if there is one; ``look`` is what it takes besides."""
+    frames: Iterable[NDArray[np.uint8]] = film(traces, robot, **look)
+    if progress is not None:
+        frames = progress.track(frames, total=pictures(traces), description="filming")
+    plots.write_film(path, iter(frames), rate=rate_of(traces[0]))
 
 
 def _beside(columns: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
@@ -136,7 +151,7 @@ def _beside(columns: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     return np.hstack([part for column in columns for part in (line, column)][1:])
 
 
-def _column(world: World, trace: Trace, k: int, robot: RobotModel, d_min: float, capsules: bool) -> NDArray[np.uint8]:
+def _column(world: World, trace: Trace, k: int, robot: RobotModel, capsules: bool) -> NDArray[np.uint8]:
     """One run at one moment, from top to bottom."""
     people, touches = people_of(trace, k), bool(trace.contact[k])
     arm = posed(robot, trace.position[k], people)
@@ -150,7 +165,7 @@ def _column(world: World, trace: Trace, k: int, robot: RobotModel, d_min: float,
             plots.heading(said, WIDTH),
             picture,
             plots.footer(said, WIDTH),
-            plots.gauge(trace.distance[k], d_min, bool(trace.intervened[k]), touches, WIDTH),
+            plots.gauge(trace.distance[k], trace.d_min, bool(trace.intervened[k]), touches, WIDTH),
             plots.ribbon(trace.jerk[: k + 1] / robot.limits.jerk, WIDTH),
         ]
     )

@@ -11,7 +11,7 @@ from jssa_gym.board.submission import PURPOSEFUL
 from jssa_gym.board.tables import complete_cells, filters_of, overview, verdicts
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.evaluate import find_policies_here, play
-from jssa_gym.cli.names import SOME_TASKS
+from jssa_gym.cli.names import SOME_TASKS, TRUST
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.identity import made_with
 from jssa_gym.exceptions import ParameterError
@@ -44,8 +44,7 @@ class Submit:
     board: Path = STORED
     """Another stored board than that of this version."""
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
-    trust_pickle: bool = False
-    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
+    trust_pickle: Annotated[bool, TRUST] = False
 
     def run(self) -> None:
         """Play, compare, write."""

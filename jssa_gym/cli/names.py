@@ -28,6 +28,10 @@ OWN_HUMAN = _says("People by name, or a file .npz, .csv or .bvh; without any the
 POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", (*POLICIES, *shipped_policies()))
 """Of what is evaluated."""
 
+TRUST = tyro.conf.arg(
+    help="Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."
+)
+
 ROBOT = _says(
     "Robot by name, its MJCF file with limits beside it, or a folder of jssa-gym robot check --write",
     (*ROBOTS, *MENAGERIE),

@@ -10,6 +10,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
@@ -58,9 +59,15 @@ class Bar(Progress):
         self._say(f"{task.description or 'working'}: {task.completed:,.0f}{of}, {gone}{later}")
 
 
+def counting() -> tuple[ProgressColumn, ...]:
+    """Columns of a bar with how many of how many, time gone and time left."""
+    text = TextColumn("{task.description}")
+    return text, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+
+
 @contextmanager
 def episodes_bar(console: Terminal, out: Path) -> Generator[Callable[..., None]]:
-    """A bar with how many of how many, time gone and time left; an interrupt says how to go on.
+    """A bar of episodes; an interrupt says how to go on.
 
     Args:
         console: Where it is drawn.
@@ -70,12 +77,8 @@ def episodes_bar(console: Terminal, out: Path) -> Generator[Callable[..., None]]
         What is called with the number of episodes played so far and of all, and with what to say instead of
         "episodes".
     """
-    columns = (
-        *(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()),
-        *(TimeElapsedColumn(), TimeRemainingColumn()),
-    )
     played = 0
-    with Bar(console, *columns) as progress:
+    with Bar(console, *counting()) as progress:
         task = progress.add_task("episodes", total=None)
 
         def show(done: int, total: int, description: str = "episodes") -> None:

@@ -2,21 +2,21 @@
 
 import json
 import math
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from rich.table import Table
 
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans.bvh import JOINTS, UNITS, CaptureOptions
 from jssa_gym.humans.files import Person, load
-from jssa_gym.humans.survey import Oddity, height_of, lowest_of
+from jssa_gym.humans.survey import height_of, lowest_of
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.speeds import PartSpeed, legs_of_feet, part_speeds, sufficient, time_beyond
+from jssa_gym.storage import plain
 from jssa_gym.text import counted
 from jssa_gym.validation import positive_number
 
@@ -95,8 +95,8 @@ class ConvertRecording:
         person = self.capture.load(self.file)
         replace(person.recording, time=person.recording.time / pace).save(self.out)
         console = Terminal(stderr=True)
-        for line in _read_as(person):
-            console.say(line)
+        if person.conversion is not None:
+            console.say(person.conversion.said)
         for finding in person.findings():
             console.say(f"warning: {finding}")
         console.say(f"wrote {self.out}; use it as --human {self.out}")
@@ -153,10 +153,6 @@ def _head(person: Person) -> float | None:
     return None
 
 
-def _read_as(person: Person) -> list[str]:
-    return [] if person.conversion is None else [person.conversion.said]
-
-
 def _advice(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> list[str]:
     """What to change, most of it in so many words."""
     said = [str(finding) for finding in person.findings()]
@@ -190,16 +186,14 @@ def _show(name: str, person: Person, parts: list[PartSpeed], params: FailsafePar
         f"{name}: {counted(samples, noun)} in {recording.duration:.2f} s, {(samples - 1) / recording.duration:.4g} a "
         f"second; {counted(len(recording.names), 'capsule')}"
     )
-    for line in _read_as(person):
-        console.say(line)
+    if person.conversion is not None:
+        console.say(person.conversion.said)
     said = "" if head is None else f"head {head:.2f} m above the floor, "
     console.say(
         f"{said}what is lowest {lowest_of(recording):.2f} m; {height_of(recording):.2f} m from there to the top of the "
         "highest capsule, in most samples"
     )
-    table = Table("", "fastest [m/s]", "at [s]", "bound [m/s]", "beyond it")
-    for column in table.columns[1:]:
-        column.justify = "right"
+    table = table_of("", "fastest [m/s]", "at [s]", "bound [m/s]", "beyond it")
     for part in parts:
         beyond = f"{100.0 * part.beyond:.0f} % of the time" if part.excess > 0.0 else "-"
         table.add_row(part.name, f"{part.speed:.2f}", f"{part.time:.2f}", f"{part.bound:g}", beyond)
@@ -213,7 +207,6 @@ def _show(name: str, person: Person, parts: list[PartSpeed], params: FailsafePar
 
 def _plain(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> dict[str, Any]:
     recording, made = person.recording, person.conversion
-    findings: list[Oddity] = person.findings()
     return {
         "samples": len(recording.time),
         "duration": recording.duration,
@@ -223,10 +216,10 @@ def _plain(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> di
         "read_as": None
         if made is None
         else {"unit": made.unit, "up": made.up, "first_frame": made.first, "dropped": made.dropped},
-        "parts": [asdict(part) for part in parts],
+        "parts": plain(parts),
         "beyond": time_beyond(recording, params),
         "sufficient": sufficient(parts, params),
-        "legs_of_feet": list(legs_of_feet(recording, params)),
+        "legs_of_feet": plain(legs_of_feet(recording, params)),
         "outside": _outside(person),
-        "findings": [asdict(finding) for finding in findings],
+        "findings": plain(person.findings()),
     }

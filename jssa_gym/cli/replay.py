@@ -12,7 +12,8 @@ import tyro
 from jssa_gym import plots
 from jssa_gym.cli.evaluate import find_policies_here
 from jssa_gym.cli.files import writable_folder, write_figure
-from jssa_gym.cli.film import EVERY, film, pictures, require_film
+from jssa_gym.cli.film import require_film, save_film
+from jssa_gym.cli.names import TRUST
 from jssa_gym.cli.progress import Bar
 from jssa_gym.cli.terminal import Terminal
 from jssa_gym.evaluation.identity import code_version
@@ -54,8 +55,7 @@ class Replay:
     read or run unless it is repeated here."""
     human: str | None = None
     """For --again: its people, if they are a file."""
-    trust_pickle: bool = False
-    """Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."""
+    trust_pickle: Annotated[bool, TRUST] = False
     robot: str | None = None
     """MJCF file or prepared folder of a robot that is not the package's own."""
 
@@ -109,9 +109,7 @@ class Replay:
                 write_figure(out / "profile.png", figure)
                 written.append(out / "profile.png")
             if self.video:
-                frames = film([trace], robot, d_min=trace.d_min, capsules=self.capsules)
-                bar = progress.track(frames, total=pictures([trace]), description="filming")
-                plots.write_film(out / "episode.mp4", iter(bar), rate=round(1.0 / (trace.dt * EVERY)))
+                save_film(out / "episode.mp4", [trace], robot, progress, capsules=self.capsules)
                 written.append(out / "episode.mp4")
         console.say(f"wrote {', '.join(map(str, written))}")
 

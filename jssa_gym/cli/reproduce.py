@@ -13,15 +13,16 @@ from rich.table import Table
 from rich.text import Text
 
 from jssa_gym import plots
-from jssa_gym.cli.files import writable_folder, write_figure, write_json
+from jssa_gym.cli.files import writable_folder, write_figure
 from jssa_gym.cli.progress import Bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.evaluation.blocked import blocked, warning
 from jssa_gym.paper import claims, experiments, handover_claims, index_claims, reported
-from jssa_gym.paper.claims import PAPER, Claim, Grid
+from jssa_gym.paper.claims import PAPER, Claim, LambdaTable
 from jssa_gym.paper.experiments import SHIELDS
 from jssa_gym.paper.reported import COLUMNS, Measures
 from jssa_gym.safety.index import PUBLISHED
+from jssa_gym.storage import plain, write_json
 from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def _fig10(done: Advance) -> Result:
 
 
 def _table1(done: Advance) -> Result:
-    tables: dict[str, Grid] = {**experiments.sensitivity(done=done)}
+    tables: dict[str, LambdaTable] = {**experiments.sensitivity(done=done)}
     every = {PAPER: reported.TABLE1, **tables}
     arrays = {
         name: np.array([[_row(table[a, b]) for a in reported.GRID] for b in reported.GRID])
@@ -164,29 +165,20 @@ def _row(measures: Measures) -> list[float]:
 def _plain(result: Result) -> dict[str, Any]:
     """A result as JSON can hold it."""
     return {
-        "measured": {name: dataclasses.asdict(measures) for name, measures in result.measured.items()},
-        "claims": [
-            {**dataclasses.asdict(claim), "reproduced": claim.reproduced, "extent": claim.extent}
-            for claim in result.claims
-        ],
+        "measured": plain(result.measured),
+        "claims": [{**plain(claim), "reproduced": claim.reproduced, "extent": claim.extent} for claim in result.claims],
     }
 
 
 def _show(name: str, result: Result) -> None:
     console = Terminal(width=150)
     if result.measured:
-        table = Table("", title=name)
-        for title, unit in COLUMNS.values():
-            table.add_column(f"{title} [{unit}]", justify="right")
+        table = table_of("", *(f"{title} [{unit}]" for title, unit in COLUMNS.values()), title=name)
         for source, measures in result.measured.items():
             cells = ("–" if value is None else f"{value:.3f}" for value in dataclasses.astuple(measures))
             table.add_row(source, *cells, end_section=source.endswith(tuple(SHIELDS)[-1]))
         console.print(table)
-    table = Table("what the paper says", title=f"{name}: is it so here?")
-    sources = list(result.claims[0].verdicts)
-    for source in sources:
-        table.add_column(source)
-    table.add_column("")
+    table = Table("what the paper says", *result.claims[0].verdicts, "", title=f"{name}: is it so here?")
     for claim in result.claims:
         cells = (f"{'yes' if evidence.holds else 'no'}: {evidence.seen}" for evidence in claim.verdicts.values())
         table.add_row(claim.text, *cells, Text(claim.extent, "" if claim.extent == "reproduced" else "bold"))

@@ -1,20 +1,19 @@
 """``jssa-gym robot``: anybody's arm file, looked at, prepared and proved."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.files import writable_folder, write_picture
 from jssa_gym.cli.progress import Bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.drawing import Marks
 from jssa_gym.envs.opengl import check_opengl
 from jssa_gym.envs.world import SCENES, World
@@ -23,6 +22,14 @@ from jssa_gym.exceptions import DisplayError, MissingExtraError, ParameterError
 from jssa_gym.humans import nobody
 from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, guessed_limits, make_robot
 from jssa_gym.robots.prepare import Cover, Examination, Preparation, examine, write_prepared
+from jssa_gym.storage import plain
+
+
+@dataclass(frozen=True)
+class _Decided(Preparation):
+    """What is decided about a file by options of these names; its packages come from ``--package``."""
+
+    packages: Annotated[Mapping[str, Path], tyro.conf.Suppress] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -37,24 +44,7 @@ class Check:
     """MJCF or URDF."""
     package: tuple[str, ...] = ()
     """NAME=DIR of the packages that a URDF names; those in and beside the file's folders are found without."""
-    freeze: tuple[str, ...] = ()
-    """Joints that may stand still, with all that refers to them; `all` for whatever has to."""
-    keep: tuple[str, ...] = ()
-    """Hinges that look like jaws and are joints of the arm."""
-    uncovered: tuple[str, ...] = ()
-    """Links, by body or joint, that get no capsules: nothing is measured there, and nothing promised."""
-    tip: str | None = None
-    """Body that the arm leads to, where several arms branch off."""
-    tool: str | None = None
-    """Site or body at the tool centre point."""
-    home: tuple[float, ...] | None = None
-    """Home posture, one number a joint [rad]; the file's keyframe, or looked for."""
-    limits: Path | None = None
-    """Table of velocity, acceleration and jerk limits, TOML; the one beside the file, or a guess that says so."""
-    group: int | None = None
-    """Geom group that holds the file's capsules; what its table of limits says, or else 3, of a URDF 0."""
-    units_checked: bool = False
-    """Lengths, ranges and velocities that look like another unit's are right."""
+    preparation: Annotated[_Decided, tyro.conf.arg(name="")] = field(default_factory=_Decided)
     write: Path | None = None
     """Folder for the prepared model, for `--robot FOLDER`."""
     prove: bool = True
@@ -66,18 +56,7 @@ class Check:
 
     def run(self) -> None:
         """Read, say, write, prove."""
-        preparation = Preparation(
-            self.freeze,
-            self.keep,
-            self.uncovered,
-            self.tip,
-            self.tool,
-            self.home,
-            self.limits,
-            self.units_checked,
-            _packages(self.package),
-            self.group,
-        )
+        preparation = replace(self.preparation, packages=_packages(self.package))
         console = Terminal(stderr=True)
         with Bar(console) as progress:
             progress.add_task(f"examining {self.file.name}", total=None)
@@ -179,14 +158,14 @@ def _picture(robot: RobotModel) -> Any:
 
 
 def _plain(arm: Examination, proof: Proof | None) -> dict[str, Any]:
-    return {
-        "file": str(arm.source.path),
-        "joints": list(arm.anatomy.joints),
+    told = {
+        "file": arm.source.path,
+        "joints": arm.anatomy.joints,
         "frozen": [arm.source.model.joint(j).name for j in arm.chain.frozen],
         "reach": arm.anatomy.reach,
-        "home": arm.home.tolist(),
-        "limits_guessed": list(arm.limits.guessed),
-        "findings": [{**asdict(one), "message": str(one)} for one in arm.findings],
+        "home": arm.home,
+        "limits_guessed": arm.limits.guessed,
+        "findings": [{**plain(one), "message": str(one)} for one in arm.findings],
         "links": [
             {
                 "joint": cover.joint,
@@ -196,23 +175,19 @@ def _plain(arm: Examination, proof: Proof | None) -> dict[str, Any]:
                 "outside_all_mm": _millimetres(cover.arm),
                 "capsules": len(cover.capsules),
                 "outside_prepared_mm": _millimetres(max(cover.left, 0.0)),
-                "volume_ratios": [_finite(round(ratio, 3)) for ratio in cover.ratios],
-                "volume_ratio_of_one": _finite(round(cover.alone, 3)),
+                "volume_ratios": [round(ratio, 3) for ratio in cover.ratios],
+                "volume_ratio_of_one": round(cover.alone, 3),
             }
             for cover in arm.covers
         ],
         "acceptable": arm.acceptable,
-        "proof": proof and {**asdict(proof), "uncovered": _finite(proof.uncovered), "holds": proof.holds},
+        "proof": proof and {**plain(proof), "holds": proof.holds},
     }
+    return plain(told)
 
 
-def _finite(number: float) -> float | None:
-    """A number as JSON can hold it."""
-    return number if np.isfinite(number) else None
-
-
-def _millimetres(metres: float) -> float | None:
-    return _finite(round(1e3 * metres, 2))
+def _millimetres(metres: float) -> float:
+    return round(1e3 * metres, 2)
 
 
 def _show(arm: Examination, written: bool) -> None:
@@ -220,18 +195,9 @@ def _show(arm: Examination, written: bool) -> None:
     for finding in arm.findings:
         mark = "!" if finding.stands else "-" if not finding.fits else " "
         console.say(f"{mark} {finding}")
-    table = Table(title=f"{arm.source.path.name}: {arm.anatomy.n} joints, reach {arm.anatomy.reach:.2f} m")
-    for title in (
-        "link",
-        "joint",
-        "capsules found",
-        "outside of own",
-        "of all",
-        "capsules",
-        "outside of these",
-        "of hull",
-    ):
-        table.add_column(title, justify="left" if title in ("link", "joint") else "right")
+    title = f"{arm.source.path.name}: {arm.anatomy.n} joints, reach {arm.anatomy.reach:.2f} m"
+    found, made = ("capsules found", "outside of own", "of all"), ("capsules", "outside of these", "of hull")
+    table = table_of("link", "joint", *found, *made, left=2, title=title)
     for cover in arm.covers:
         table.add_row(cover.body, cover.joint, str(len(cover.found)), *_row(cover))
     console.print(table)
@@ -252,15 +218,14 @@ def _row(cover: Cover) -> tuple[str, ...]:
 
 def _show_proof(proof: Proof) -> None:
     console = Terminal(width=120)
-    parts = Table(title="reach and authority over random postures")
-    for title in ("capsule", "moved by", "reach", "largest jerk of its far end"):
-        parts.add_column(title, justify="left" if title in ("capsule", "moved by") else "right")
+    titles = ("capsule", "moved by", "reach", "largest jerk of its far end")
+    parts = table_of(*titles, left=2, title="reach and authority over random postures")
     for part in proof.parts:
         parts.add_row(part.name, part.joint, f"{part.reach:.2f} m", f"{part.authority:.0f} m/s³")
     console.print(parts)
-    played = Table(title="shielded episodes beside a person who goes for the arm, judged by MuJoCo at 1 kHz")
-    for title in ("policy", "moving contacts", "limit violations", "collisions", "MuJoCo agrees", "joints travelled"):
-        played.add_column(title, justify="left" if title == "policy" else "right")
+    titles = ("policy", "moving contacts", "limit violations", "collisions", "MuJoCo agrees", "joints travelled")
+    about = "shielded episodes beside a person who goes for the arm, judged by MuJoCo at 1 kHz"
+    played = table_of(*titles, title=about)
     for one in proof.episodes:
         counts = (one.moving_contacts, one.limit_violations, one.collisions)
         agrees = "yes" if one.agrees else "no"

@@ -1,6 +1,5 @@
 """``jssa-gym stress``: campaigns that try to break shields."""
 
-import dataclasses
 import json
 import shlex
 from collections.abc import Sequence
@@ -9,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
-from rich.table import Table
 
 from jssa_gym import plots
 from jssa_gym.cli.arguments import distinct
@@ -18,7 +16,7 @@ from jssa_gym.cli.evaluate import ticks
 from jssa_gym.cli.files import own_folder, write_figure
 from jssa_gym.cli.names import HUMAN, OPPONENTS, ROBOT, SHIELDS, TASK, WRONG
 from jssa_gym.cli.progress import episodes_bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.engine.cluster import Cluster
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.blocked import commonest, warning
@@ -31,6 +29,7 @@ from jssa_gym.evaluation.runner import finish
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
+from jssa_gym.storage import plain
 from jssa_gym.text import counted
 
 
@@ -140,23 +139,17 @@ def _blocked(episodes: Sequence[StressRow]) -> str:
 
 
 def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
-    values = dataclasses.asdict(row)
+    values = plain(row)
     return {**dict(zip(by, values.pop("group"), strict=True)), **values}
 
 
 def _show(rows: Sequence[Tally], by: Sequence[str], broken: Sequence[StressRow], ledger: Ledger[StressRow]) -> None:
     console = Terminal(width=140)
-    happened = Table(
-        title=f"{counted(len(ledger.episodes), 'episode')} of {ledger.plan.steps * DT:g} s, 95 % intervals"
-    )
-    did = Table(title="what the shields did, and what MuJoCo says")
-    for table in (happened, did):
-        for name in by:
-            table.add_column(name)
-    for title in ("contacts", "moving contacts", "limit violations", "fastest contact", "largest excess"):
-        happened.add_column(title, justify="right")
-    for title in ("stored stop", "intervened", "fault", "no stop", "joint speed", "judged", "disagree", "overlaps"):
-        did.add_column(title, justify="right")
+    episodes = f"{counted(len(ledger.episodes), 'episode')} of {ledger.plan.steps * DT:g} s, 95 % intervals"
+    titles = ("contacts", "moving contacts", "limit violations", "fastest contact", "largest excess")
+    happened = table_of(*by, *titles, left=len(by), title=episodes)
+    titles = ("stored stop", "intervened", "fault", "no stop", "joint speed", "judged", "disagree", "overlaps")
+    did = table_of(*by, *titles, left=len(by), title="what the shields did, and what MuJoCo says")
     for row in rows:
         happened.add_row(
             *row.group,

@@ -13,6 +13,7 @@ from collections.abc import Generator
 from typing import Any
 
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
 from jssa_gym.exceptions import JSSAGymError
@@ -72,6 +73,14 @@ class Terminal(Console):
     def say(self, text: str = "") -> None:
         """Print one line, however long, that can be pasted."""
         self.print(text, soft_wrap=True)
+
+
+def table_of(*titles: str, left: int = 1, title: str | None = None) -> Table:
+    """A table whose first columns are text; what follows are numbers, to the right."""
+    table = Table(title=title)
+    for k, of in enumerate(titles):
+        table.add_column(of, justify="left" if k < left else "right")
+    return table
 
 
 def alike(error: UnicodeError) -> tuple[str, int]:

@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from jssa_gym import plots
 from jssa_gym.cli.engine import Engine
 from jssa_gym.cli.files import writable_folder
-from jssa_gym.cli.film import EVERY, film, require_film
+from jssa_gym.cli.film import require_film, save_film
 from jssa_gym.cli.names import ROBOT, TASK
-from jssa_gym.cli.progress import Bar
-from jssa_gym.cli.terminal import Terminal
+from jssa_gym.cli.progress import Bar, counting
+from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.tasks import TASKS
 from jssa_gym.evaluation.rollout import rollout
 from jssa_gym.exceptions import ParameterError
@@ -148,8 +146,7 @@ class Train:
         torch.set_num_threads(self.threads)
         writable_folder(self.out, *_KEPT)
         console = Terminal(stderr=True)
-        columns: tuple[Any, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        with Bar(console, *columns, TimeElapsedColumn(), TimeRemainingColumn()) as progress:
+        with Bar(console, *counting()) as progress:
             bar = progress.add_task("policy steps", total=config.steps)
             try:
                 training = train(
@@ -202,8 +199,7 @@ class Train:
     def _film(self, policy: LearnedPolicy, config: TrainConfig) -> None:
         """The best policy's first episode of the evaluations."""
         trace = rollout(control_env(config, ("success",)), policy, seed=EVALUATION_SEED)
-        frames = film([trace], make_robot(config.robot).mounted(trace.mount), d_min=trace.d_min)
-        plots.write_film(self.out / "best.mp4", frames, rate=round(1.0 / (trace.dt * EVERY)))
+        save_film(self.out / "best.mp4", [trace], make_robot(config.robot).mounted(trace.mount))
 
 
 def _say(line: str) -> None:
@@ -235,10 +231,8 @@ def _show_seeds(outcomes: Sequence[SeedOutcome]) -> None:
 
 
 def _show(history: tuple[Leg, ...]) -> None:
-    table = Table(title="the training, leg by leg")
     titles = ("steps", "episodes", "success", "moving contacts", "changed", "eval: success", "safe", "moving", "time")
-    for title in titles:
-        table.add_column(title, justify="right")
+    table = table_of(*titles, left=0, title="the training, leg by leg")
     for leg in history:
         table.add_row(
             f"{leg.steps:,}",

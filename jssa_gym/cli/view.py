@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from jssa_gym.cli.evaluate import find_policies_here
 from jssa_gym.cli.files import writable_folder
-from jssa_gym.cli.film import EVERY, film
+from jssa_gym.cli.film import film, rate_of
 from jssa_gym.cli.names import POLICY, ROBOT, TASK
 from jssa_gym.cli.terminal import Terminal
-from jssa_gym.envs.arm import DT
-from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.exceptions import MissingExtraError, how_to_install
 from jssa_gym.robots import DEFAULT, RobotModel
 from jssa_gym.shields import TASK_SHIELD
 from jssa_gym.types import Trace
@@ -110,12 +109,11 @@ def require_page() -> tuple[type["Page"], Callable[[str, int], socket.socket]]:
         from jssa_gym.viewer.server import listen
     except ModuleNotFoundError as error:
         raise MissingExtraError(
-            f"the page needs the extra 'viewer' ({error.name} is missing): pip install 'jssa-gym[viewer]', or pip "
-            "install -e '.[viewer]' in a clone"
+            f"the page needs the extra 'viewer' ({error.name} is missing): {how_to_install('viewer')}"
         ) from error
     return Page, listen
 
 
 def pictures(traces: Sequence[Trace], robot: RobotModel) -> tuple[Iterable[NDArray[np.uint8]], int]:
     """A film's pictures, and how many a second."""
-    return film(traces, robot, d_min=traces[0].d_min), round(1.0 / (DT * EVERY))
+    return film(traces, robot), rate_of(traces[0])

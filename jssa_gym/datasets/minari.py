@@ -22,7 +22,7 @@ from jssa_gym.datasets.episode import EpisodeData, collect
 from jssa_gym.datasets.recipe import Recipe
 from jssa_gym.evaluation.identity import code_version
 from jssa_gym.exceptions import MissingExtraError, ParameterError, StorageError
-from jssa_gym.storage import read_text, refused, whole_file, write_whole
+from jssa_gym.storage import read_text, refused, whole_file, write_json
 
 DATA, METADATA = "main_data.hdf5", "metadata.json"
 """Minari's names of the two files."""
@@ -74,7 +74,8 @@ def write_dataset(
     with closing(recipe.make_env()) as env:
         described = _described(env, recipe, name)
         with whole_file(folder / DATA) as file, h5py.File(file, "w", track_order=True) as archive:
-            for count, episode in enumerate(_episodes(env, recipe), 1):
+            for count, seed in enumerate(range(recipe.seed, recipe.seed + recipe.episodes), 1):
+                episode = collect(env, recipe.make_policy(env, seed), seed)
                 _write(archive.create_group(f"episode_{count - 1}"), count - 1, episode)
                 _digest(digest, episode.seed, episode.arrays)
                 steps += len(episode.arrays["rewards"])
@@ -88,7 +89,7 @@ def write_dataset(
         "dataset_size": round(size / 1e6, 1),
         _KEY: {**described[_KEY], "sha256": digest.hexdigest()},
     }
-    write_whole(folder / METADATA, json.dumps(told, indent=2) + "\n")
+    write_json(folder / METADATA, told)
     size += (folder / METADATA).stat().st_size
     return DatasetSummary(name, folder, count, steps, size, digest.hexdigest())
 
@@ -149,11 +150,6 @@ def _new_folder(root: Path, name: str) -> Path:
     except OSError as error:
         raise StorageError(f"cannot write to {folder}: {error.strerror}") from error
     return folder
-
-
-def _episodes(env: gym.Env, recipe: Recipe) -> Iterator[EpisodeData]:
-    for seed in range(recipe.seed, recipe.seed + recipe.episodes):
-        yield collect(env, recipe.make_policy(env, seed), seed)
 
 
 def _write(group: Any, number: int, episode: EpisodeData) -> None:

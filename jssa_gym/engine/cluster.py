@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from jssa_gym.engine.interrupts import GOES_ON, portable
 from jssa_gym.engine.source import source_hash
-from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
+from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError, how_to_install
 from jssa_gym.text import show_messages
 from jssa_gym.validation import positive_integer
 
@@ -21,8 +21,6 @@ Work = TypeVar("Work")
 Result = TypeVar("Result")
 Play = Callable[[Work], Iterable[Result]]
 """Plays a chunk, result by result."""
-
-INSTALL = "pip install 'jssa-gym[ray]', or pip install -e '.[ray]' in a clone"
 
 AGAIN = 3
 """How often a chunk is begun anew whose worker died."""
@@ -114,7 +112,7 @@ class Cluster:
         try:
             import ray
         except ImportError as error:
-            raise MissingExtraError(f"Ray is not installed: {INSTALL}") from error
+            raise MissingExtraError(f"Ray is not installed: {how_to_install('ray')}") from error
         if not ray.is_initialized():
             here: dict[str, Any] = {"num_cpus": self.jobs, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
             where: dict[str, Any] = {"address": "local", **here} if self.address is None else {"address": self.address}

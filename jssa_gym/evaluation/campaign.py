@@ -117,9 +117,6 @@ class Campaign(EpisodePlan[StressRow]):
     def make_policy(self, cell: Cell, env: gym.Env, seed: int) -> Policy:
         return make_policy(cell.policy, env.unwrapped, seed, seen=env)
 
-    def named_policy(self, cell: Cell) -> str:
-        return cell.policy
-
     def measure(self, cell: Cell, seed: int, trace: Trace, robot: RobotModel, begin: float) -> StressRow:
         counts = np.bincount(trace.status, minlength=len(Status)).tolist()
         stops = trace.reason[trace.status == Status.FAILSAFE].tolist()

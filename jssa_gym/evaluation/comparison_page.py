@@ -9,6 +9,7 @@ from urllib.parse import quote_from_bytes
 
 import numpy as np
 
+from jssa_gym.evaluation.definitions import in_words
 from jssa_gym.evaluation.identity import made_with
 from jssa_gym.evaluation.metrics import SeparationParams
 from jssa_gym.evaluation.report import METRICS, Report, column
@@ -28,7 +29,6 @@ from jssa_gym.evaluation.standings import (
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, clopper_pearson
 from jssa_gym.evaluation.study import Study
 from jssa_gym.evaluation.svg import Markup, Panel, colour, dashes, document, figure, marker, note, rows_of, tag
-from jssa_gym.evaluation.wording import in_words
 from jssa_gym.robots.model import unpromised
 from jssa_gym.storage import write_whole
 from jssa_gym.text import counted

@@ -17,7 +17,7 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.offers import Offered
-from jssa_gym.shields.registry import PROFILES, WHOLE
+from jssa_gym.shields.registry import PROFILES
 from jssa_gym.tick import loop
 from jssa_gym.tick.admit import GRADED, HALFWAY, WANTED
 from jssa_gym.tick.assumed import Assumed
@@ -155,9 +155,8 @@ class Contender:
 
 def _named(name: str) -> Contender:
     """The shield of a filter's name, whose verified stop knows what may be assumed; it promises what the stop does."""
-    bare, stop = read_name(name)
-    stop = stop or bare in WHOLE
-    return Contender(lambda env, params: Shield(env, name, stop=params if stop else False), promises=stop)
+    guarded = read_name(name).guarded
+    return Contender(lambda env, params: Shield(env, name, stop=params if guarded else False), promises=guarded)
 
 
 CONTENDERS: dict[str, Contender] = {

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.evaluation.counterfactual import false_interventions
-from jssa_gym.evaluation.inertia import Inertia
+from jssa_gym.evaluation.oracle import Inertia
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.apart import along_stops
 from jssa_gym.kernels.capsules import measure_planes, measure_self

@@ -1,6 +1,5 @@
 """What tells things that are evaluated from others, in another process too."""
 
-import hashlib
 import importlib.metadata
 import inspect
 import os
@@ -16,6 +15,7 @@ from jssa_gym.engine.source import package_version, source_hash
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT, ROBOTS, make_robot
 from jssa_gym.robots.mjcf import COLLISION_GROUP
+from jssa_gym.storage import sha256
 
 
 def named(thing: Any) -> str:
@@ -39,7 +39,7 @@ def robot_identity(robot: str) -> str:
     content = model.mjcf.read_bytes() + pickle.dumps((model.limits, model.home, model.uncovered))
     if model.group != COLLISION_GROUP:
         content += str(model.group).encode()
-    return f"{model.name} {hashlib.sha256(content).hexdigest()[:16]}"
+    return f"{model.name} {sha256(content)[:16]}"
 
 
 def without_default(config: dict[str, Any]) -> dict[str, Any]:
@@ -92,7 +92,7 @@ def code_digest(thing: Any) -> str:
         return ""
     try:
         file = inspect.getsourcefile(maker)
-        return "" if file is None else hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+        return "" if file is None else sha256(Path(file).read_bytes())[:16]
     except (TypeError, OSError):  # made in C, or at a prompt
         return ""
 
@@ -108,4 +108,4 @@ def identity(name: str, thing: Any) -> str:
             f"{name} cannot be told again after a crash, nor sent to another process ({error}); give a name, a "
             "function of a module, or 'module:factory'"
         ) from error
-    return f"{named(thing)} {hashlib.sha256(content).hexdigest()[:16]}"
+    return f"{named(thing)} {sha256(content)[:16]}"

@@ -185,18 +185,12 @@ def _columns(row: type[Any]) -> list[str]:
     return names
 
 
-def _written(row: Any) -> list[str]:
-    cells: list[str] = []
+def _written(row: Any) -> list[Any]:
+    cells: list[Any] = []
     for field in fields(row):
         value = getattr(row, field.name)
-        if is_dataclass(value):
-            cells += _written(value)
-        elif value is None:
-            cells.append("")
-        else:
-            cells.append(
-                str(int(value)) if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)
-            )
+        # of numbers and None the table's writer makes what can be read again to the bit, but of yes and no
+        cells += _written(value) if is_dataclass(value) else [int(value) if isinstance(value, bool) else value]
     return cells
 
 

@@ -20,7 +20,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import JointLimits
 from jssa_gym.shields.reasons import OUTSIDE
 from jssa_gym.types import Array, Status, Trace
-from jssa_gym.validation import number_within
+from jssa_gym.validation import check_fields, number_within
 
 _ROUNDING = 1e-9
 """Share of a limit that rounding may cost, as in the environment."""
@@ -50,10 +50,8 @@ class SeparationParams:
     """:math:`Z = Z_d + Z_r`, of the person's and the robot's place [m]."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not (field.name == "human_speed" and value is None):
-                object.__setattr__(self, field.name, number_within(field.name, value, 0.0))
+        speed = () if self.human_speed is None else ("human_speed",)
+        check_fields(self, (*speed, "reaction_time", "intrusion", "uncertainty"), number_within, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

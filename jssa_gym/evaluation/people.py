@@ -1,27 +1,15 @@
 """People by name: the package's own, several at once, those of before, and some that are faster than assumed."""
 
-import hashlib
 from collections.abc import Callable, Iterable
 from functools import cache, partial
 from pathlib import Path
 
 from jssa_gym.exceptions import ParameterError, RecordingError
-from jssa_gym.humans import (
-    HUMANS,
-    STREAMS,
-    ApproachRetreat,
-    Hand,
-    HumanMotion,
-    Pursuit,
-    RandomWalk,
-    Receive,
-    WalkBy,
-    make_human,
-)
+from jssa_gym.humans import HUMANS, STREAMS, Hand, HumanMotion, Pursuit, WalkBy, make_human
 from jssa_gym.humans.files import is_file, load
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.speeds import part_speeds
-from jssa_gym.storage import read_whole
+from jssa_gym.storage import read_whole, sha256
 from jssa_gym.validation import known_name
 
 MULTIPLES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
@@ -30,22 +18,14 @@ MULTIPLES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
 _ASSUMED = FailsafeParams()
 
 
-def _fast_runner(multiple: float) -> HumanMotion:
-    return Pursuit(multiple * _ASSUMED.human_speed, acceleration=None)
-
-
-def _fast_hand(multiple: float) -> HumanMotion:
-    speed = multiple * _ASSUMED.limb_speed
-    return Hand(speed=(0.5 * speed, speed), acceleration=None)
-
+_RUNNERS = {m: m * _ASSUMED.human_speed for m in MULTIPLES}
+_HANDS = {m: m * _ASSUMED.limb_speed for m in MULTIPLES}
+_BOUNDED: dict[str, Callable[..., HumanMotion]] = {
+    name: HUMANS[name] for name in ("approach_retreat", "random", "walk_by", "pursuit", "hand", "receive")
+}
 
 ABRUPT: dict[str, Callable[[], HumanMotion]] = {
-    "approach_retreat abrupt": partial(ApproachRetreat, acceleration=None),
-    "random abrupt": partial(RandomWalk, acceleration=None),
-    "walk_by abrupt": partial(WalkBy, acceleration=None),
-    "pursuit abrupt": partial(Pursuit, acceleration=None),
-    "hand abrupt": partial(Hand, acceleration=None),
-    "receive abrupt": partial(Receive, acceleration=None),
+    **{f"{name} abrupt": partial(kind, acceleration=None) for name, kind in _BOUNDED.items()},
     "feint abrupt": partial(Pursuit, acceleration=None, feint=True),
     "two abrupt": lambda: make_human((Pursuit(acceleration=None), WalkBy(acceleration=None))),
     "two hands abrupt": lambda: make_human((Hand(acceleration=None), Pursuit(acceleration=None))),
@@ -58,8 +38,8 @@ PEOPLE: dict[str, Callable[[], HumanMotion]] = {
     "two": partial(make_human, ("pursuit", "walk_by")),
     "two hands": partial(make_human, ("hand", "pursuit")),
     **ABRUPT,
-    **{f"pursuit x{m:g}": partial(_fast_runner, m) for m in MULTIPLES},
-    **{f"hand x{m:g}": partial(_fast_hand, m) for m in MULTIPLES},
+    **{f"pursuit x{m:g}": partial(Pursuit, most, acceleration=None) for m, most in _RUNNERS.items()},
+    **{f"hand x{m:g}": partial(Hand, speed=(0.5 * most, most), acceleration=None) for m, most in _HANDS.items()},
 }
 """People by name: the package's own, several at once, and some that are faster than assumed; these are so at once,
 since what is asked of them is their speed.
@@ -94,11 +74,7 @@ def known_person(human: str) -> str:
 
 def people_digests(humans: Iterable[str]) -> dict[str, str]:
     """Digests of the files among some people, by name."""
-    return {
-        human: hashlib.sha256(read_whole(Path(human), RecordingError)).hexdigest()[:16]
-        for human in humans
-        if is_file(human)
-    }
+    return {human: sha256(read_whole(Path(human), RecordingError))[:16] for human in humans if is_file(human)}
 
 
 @cache  # of files, which are asked about for every episode

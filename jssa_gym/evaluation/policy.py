@@ -1,6 +1,5 @@
 """The policy of an episode: a name, a file, a model or a function, and what tells it from another."""
 
-import hashlib
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -16,7 +15,8 @@ from jssa_gym.policies import POLICIES, JPCPolicy, LearnedPolicy, Policy, load_p
 from jssa_gym.policies.adapted import HeldPolicy, normalised
 from jssa_gym.policies.model import ModelPolicy
 from jssa_gym.policies.normalisation import read_normalisation
-from jssa_gym.validation import positive_integer
+from jssa_gym.storage import sha256
+from jssa_gym.validation import check_fields, positive_integer
 
 _logger = logging.getLogger("jssa_gym")
 
@@ -31,12 +31,12 @@ class AsTrained:
     """
 
     ticks: int = 1
-    """For how many ticks an action was held, as of :class:`~jssa_gym.ActionRepeat`."""
+    """For how many ticks a trained policy's action holds, as in the ActionRepeat of its training."""
     normalise: str | None = None
-    """File with the statistics of observations, of ``VecNormalize.save``."""
+    """File of VecNormalize.save, whose statistics a trained policy's observations are normalised with."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "ticks", positive_integer("ticks", self.ticks))
+        check_fields(self, ("ticks",), positive_integer)
         if self.normalise is not None:
             object.__setattr__(self, "normalise", str(self.normalise))
             read_normalisation(str(self.normalise))
@@ -51,7 +51,7 @@ class AsTrained:
         """What tells it from others, as JSON can hold it; nothing where there is nothing to tell."""
         told: dict[str, Any] = {} if self.ticks == 1 else {"ticks": self.ticks}
         if self.normalise is not None:
-            told["normalise"] = hashlib.sha256(Path(self.normalise).read_bytes()).hexdigest()
+            told["normalise"] = sha256(Path(self.normalise).read_bytes())
         return told
 
     def check(self, policies: Iterable[Any]) -> None:
@@ -155,4 +155,4 @@ def policy_code(policy: Any) -> str:
     file = None if policy in POLICIES else policy_file(policy)
     if file is None:
         return code_digest(policy_factory(policy))
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    return sha256(file.read_bytes())

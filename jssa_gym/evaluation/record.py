@@ -13,14 +13,19 @@ from jssa_gym.envs.arm import MOVING
 from jssa_gym.envs.repeat import ActionRepeat
 from jssa_gym.evaluation.definitions import metrics_of
 from jssa_gym.evaluation.steps import Steps, StepSummary, summarise_steps
+from jssa_gym.evaluation.trace import UNSHIELDED
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.shields.reasons import OUTSIDE
+from jssa_gym.shields.wrappers import layer_of
 from jssa_gym.types import Status
 from jssa_gym.validation import number_within, positive_integer
 from jssa_gym.vectors import refuse_vector
 
 _NEEDED = ("success", "distance", "contact", "contact_speed", "limit_violation")
 """Keys of ``info`` that there have to be; those of a shield may be missing."""
+
+_TOLD = ("intervened", "correction", "phi", "slack")
+"""What a shield says of a step, besides status and reason."""
 
 COLUMNS: dict[str, type] = {
     "reward": float,
@@ -66,7 +71,7 @@ class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
         gym.Wrapper.__init__(self, env)
         if not env.has_wrapper_attr("dt"):
             raise InterfaceError(f"{env} has no attribute 'dt', the control step [s]")
-        if _repeats(env):
+        if layer_of(env, ActionRepeat) is not None:
             raise InterfaceError(f"{env} repeats actions, and tells of all its ticks at once: RecordSafety goes inside")
         self._dt = float(env.get_wrapper_attr("dt"))
         self._d_min = float(env.get_wrapper_attr("d_min")) if env.has_wrapper_attr("d_min") else 0.05
@@ -89,17 +94,10 @@ class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
             self._rows.append(
                 (
                     float(reward),
-                    info["success"],
-                    info["distance"],
-                    info["contact"],
-                    info["contact_speed"],
-                    info["limit_violation"],
+                    *(info[name] for name in _NEEDED),
                     info.get("shield/status", 0),
                     info.get("shield/reason", OUTSIDE) != OUTSIDE,
-                    info.get("shield/intervened", False),
-                    info.get("shield/correction", np.nan),
-                    info.get("shield/phi", np.nan),
-                    info.get("shield/slack", np.nan),
+                    *(info.get(f"shield/{name}", UNSHIELDED[name]) for name in _TOLD),
                 )
             )
         except KeyError as error:
@@ -114,13 +112,6 @@ class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
     def _summary(self, terminated: bool) -> StepSummary:
         columns = [np.array(x, kind) for x, kind in zip(zip(*self._rows, strict=True), COLUMNS.values(), strict=True)]
         return summary_of(columns, terminated, self._dt, self._d_min, self._holds, self._v_safe)
-
-
-def _repeats(env: gym.Env) -> bool:
-    """Whether an action lasts for several control steps."""
-    while isinstance(env, gym.Wrapper) and not isinstance(env, ActionRepeat):
-        env = env.env
-    return isinstance(env, ActionRepeat)
 
 
 def summary_of(

@@ -1,7 +1,5 @@
 """What episodes amount to: those of an evaluation in a report a setting, those of a campaign in a tally a group."""
 
-import dataclasses
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,7 @@ from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.rows import Cell, EvaluationRow, Setting, StressRow
 from jssa_gym.evaluation.statistics import Mean, Rate, means
 from jssa_gym.robots.model import unpromised
-from jssa_gym.storage import write_whole
+from jssa_gym.storage import plain, write_json
 from jssa_gym.text import counted
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name
@@ -86,9 +84,9 @@ class Report:
         return {
             **self.setting._asdict(),
             "episodes": len(self.episodes),
-            "rates": {name: dataclasses.asdict(rate) for name, rate in self.rates.items()},
-            "means": {name: dataclasses.asdict(mean) for name, mean in self.means.items()},
-            "traces": [str(path) for path in self.traces],
+            "rates": plain(self.rates),
+            "means": plain(self.means),
+            "traces": plain(self.traces),
             "unlike": list(self.unlike),
             "warnings": list(self.warnings),
             **({"uncovered": list(self.uncovered)} if self.uncovered else {}),
@@ -121,7 +119,7 @@ def column(episodes: Sequence[EvaluationRow], name: str) -> Array:
 
 def write_reports(path: Path, reports: Sequence[Report]) -> None:
     """Write reports as JSON into a file that is complete or not there."""
-    write_whole(path, json.dumps([report.as_dict() for report in reports], indent=2, allow_nan=False) + "\n")
+    write_json(path, [report.as_dict() for report in reports])
 
 
 @dataclass(frozen=True, slots=True)

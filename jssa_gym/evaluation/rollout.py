@@ -8,12 +8,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from jssa_gym.evaluation.trace import LATER, trace_of
+from jssa_gym.evaluation.trace import UNSHIELDED, beginning, trace_of
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.policies import Policy
 from jssa_gym.shields import SafetyFilter, Shield
 from jssa_gym.shields.offers import Offered
-from jssa_gym.types import Array, Decision, Scene, Status, Trace
+from jssa_gym.shields.wrappers import layer_of
+from jssa_gym.types import Array, Decision, Scene, Trace
 
 
 class _Stopwatch(SafetyFilter):
@@ -34,38 +35,18 @@ class _Stopwatch(SafetyFilter):
         return decision
 
 
-def shield_of(env: gym.Env) -> Shield | None:
-    """The shield among an environment's wrappers."""
-    layer: Any = env
-    while isinstance(layer, gym.Wrapper):
-        if isinstance(layer, Shield):
-            return layer
-        layer = layer.env
-    return None
-
-
 def _setting(base: Any) -> dict[str, Any]:
-    """What a trace holds once: robot, people and half-spaces as they are after the reset."""
+    """What a trace holds once: task, robot, people and half-spaces as they are after the reset."""
     if base.human.comers is not None:
         raise InterfaceError(f"a trace is of people who stay; {type(base.human).__name__} come and go")
     scene: Scene = base.scene
-    state, human, planes = scene.robot, scene.human, scene.planes
     return {
+        **beginning(base.robot, np.array(scene.robot), scene.human, scene.planes),
         "dt": base.dt,
-        "robot": base.robot.name,
         "dynamics": base.dynamics,
         "task": base.task.name,
         "holds": not base.task.ends,
         "d_min": base.d_min,
-        "mount": np.array(base.robot.mount),
-        "initial_state": np.array([state.position, state.velocity, state.acceleration]),
-        "initial_human": np.array([human.start, human.end]),
-        "human_radius": np.array(human.radius),
-        "human_person": np.array(human.person),
-        "human_names": human.names,
-        "plane_normal": np.array(planes.normal),
-        "plane_offset": np.array(planes.offset),
-        "plane_names": planes.names,
     }
 
 
@@ -80,7 +61,7 @@ class Recorder:
 
     def __init__(self, env: gym.Env, name: str = "", most: int | None = None) -> None:
         self._base: Any = env.unwrapped
-        self._shield = shield_of(env)
+        self._shield = layer_of(env, Shield)
         self._watch: _Stopwatch | None = None
         if self._shield is not None:
             self._watch = _Stopwatch(self._shield.filter)
@@ -114,9 +95,7 @@ class Recorder:
         self._rows.append(
             {
                 "time": scene.time,
-                "position": scene.robot.position,
-                "velocity": scene.robot.velocity,
-                "acceleration": scene.robot.acceleration,
+                **scene.robot._asdict(),
                 "jerk": info["jerk"],
                 "nominal": info["jerk"] if decision is None else decision.nominal,
                 "goal": base.goal.ravel(),
@@ -129,13 +108,7 @@ class Recorder:
                 "pair": (closest.robot, closest.human),
                 "contact": info["contact"],
                 "contact_speed": info["contact_speed"],
-                "status": info.get("shield/status", int(Status.NOMINAL)),
-                "reason": info.get("shield/reason", ""),
-                "intervened": info.get("shield/intervened", False),
-                "correction": info.get("shield/correction", np.nan),
-                "phi": info.get("shield/phi", np.nan),
-                "slack": info.get("shield/slack", np.nan),
-                **{name: info[f"shield/{name}"] for name in LATER if f"shield/{name}" in info},
+                **{name: info[f"shield/{name}"] for name in UNSHIELDED if f"shield/{name}" in info},
                 "shield_time": np.nan if watch is None else watch.elapsed,
                 "human_start": scene.human.start,
                 "human_end": scene.human.end,

@@ -9,19 +9,16 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from jssa_gym.envs.vector import VectorArmEnv
-from jssa_gym.evaluation.trace import trace_of_columns
+from jssa_gym.evaluation.trace import UNSHIELDED, beginning, trace_of_columns
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.policies.vector import VectorPolicy, arms_of
 from jssa_gym.shields.vector_perceived import PerceivingShield
 from jssa_gym.shields.words import KINDS, kind_codes
 from jssa_gym.tick import layout
-from jssa_gym.types import Array, Status, Trace
+from jssa_gym.types import Array, CapsuleSet, Status, Trace
 from jssa_gym.vectors import Infos, Mask
 
-_TOLD = {
-    "status": int(Status.NOMINAL), "intervened": False, "correction": np.nan, "phi": np.nan, "slack": np.nan,
-    "margin": np.nan, "choice": -1, "override": np.nan,
-}  # fmt: skip
+_TOLD = {name: absent for name, absent in UNSHIELDED.items() if not isinstance(absent, str)}
 """What a shield says in numbers, and what stands there without one."""
 
 _KINDS = np.array(KINDS, object)
@@ -108,25 +105,16 @@ class VectorRecorder:
         arms, (states, ends, goals), reasons = self._arms, self._first, self._reasons[e]
         own = slice(count), e
         state, people, near, goal = self._state[own], self._ends[own], self._near[own], goals[e]
-        planes = arms.planes
+        human = CapsuleSet(*ends[e], *np.zeros_like(ends[e]), self._radius[e], arms.part_names, arms.person)
         once = {
+            **beginning(arms.robot, states[e], human, arms.planes),
             "name": name,
             "ended": ended,
             "dt": arms.dt,
-            "robot": arms.robot.name,
             "dynamics": arms.prototype.dynamics,
             "task": arms.task.name,
             "holds": not arms.task.ends,
             "d_min": arms.d_min,
-            "mount": np.array(arms.robot.mount),
-            "initial_state": states[e],
-            "initial_human": ends[e],
-            "human_radius": self._radius[e].copy(),
-            "human_person": arms.person.copy(),
-            "human_names": arms.part_names,
-            "plane_normal": np.array(planes.normal),
-            "plane_offset": np.array(planes.offset),
-            "plane_names": planes.names,
         }
         columns: dict[str, Any] = {name: array[own] for name, array in (self._said | self._told).items()}
         columns |= {

@@ -1,6 +1,5 @@
 """Episodes in numbers, each a row of the table: what an evaluation and what a campaign take down of one."""
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
@@ -10,7 +9,7 @@ import numpy as np
 from jssa_gym.envs.arm import MOVING
 from jssa_gym.evaluation.contenders import contender, within_assumptions
 from jssa_gym.evaluation.metrics import Summary
-from jssa_gym.storage import file_name
+from jssa_gym.storage import file_name, sha256
 from jssa_gym.types import Array, Trace
 
 _ROUNDING = 1e-9
@@ -80,10 +79,8 @@ def trace_name(cell: Sequence[str], seed: int) -> str:
 
 def digest_of(trace: Trace) -> str:
     """SHA-256 of an episode's states, jerks and statuses."""
-    text = hashlib.sha256()
-    for array, kind in ((states_of(trace), np.float64), (trace.jerk, np.float64), (trace.status, np.int64)):
-        text.update(np.ascontiguousarray(array, kind).tobytes())
-    return text.hexdigest()
+    arrays = (states_of(trace), np.float64), (trace.jerk, np.float64), (trace.status, np.int64)
+    return sha256(b"".join(np.ascontiguousarray(array, kind).tobytes() for array, kind in arrays))
 
 
 def states_of(trace: Trace) -> Array:

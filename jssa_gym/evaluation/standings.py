@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jssa_gym.envs.tasks import TASKS
+from jssa_gym.evaluation.definitions import in_words
 from jssa_gym.evaluation.report import METRICS, Report, column
 from jssa_gym.evaluation.rows import EvaluationRow, Setting
 from jssa_gym.evaluation.slowdown import Slowdown
 from jssa_gym.evaluation.statistics import Mean, PairedDifference, Rate, mean_difference, paired_difference, short
-from jssa_gym.evaluation.wording import in_words
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.types import Array
 
@@ -97,9 +97,12 @@ def _beside(rank: int, report: Report, best: Mapping[tuple[str, str, int], Evalu
     shared = [(one, best[_occasion(one)]) for one in report.episodes if _occasion(one) in best]
     if rank == 1 or not shared:
         return PolicyStanding(rank, report, len(shared), {})
-    own, theirs = zip(*shared, strict=True)
-    differences = {name: paired_difference(column(own, name), column(theirs, name)) for name in PAIRED_RATES}
-    return PolicyStanding(rank, report, len(shared), differences)
+    return PolicyStanding(rank, report, len(shared), _rates_minus(*zip(*shared, strict=True)))
+
+
+def _rates_minus(own: Sequence[EvaluationRow], theirs: Sequence[EvaluationRow]) -> dict[str, PairedDifference]:
+    """Differences of the yes-or-no metrics over paired episodes."""
+    return {name: paired_difference(column(own, name), column(theirs, name)) for name in PAIRED_RATES}
 
 
 def standings(reports: Sequence[Report]) -> list[Standing]:
@@ -123,28 +126,19 @@ def standings(reports: Sequence[Report]) -> list[Standing]:
         if [_trial(one) for one in report.episodes] != [_trial(one) for one in first.episodes]:
             raise ParameterError(f"{name} and {first.setting.filter} were not tried on the same episodes")
     found = []
-    for name, report in pooled.items():
-        slowdown = slowdown_beside_people(report, pooled.get(UNFILTERED))
-        if report is first:
-            found.append(Standing(name, report, {}, {}, slowdown))
-            continue
-        differences = {
-            metric: mean_difference(column(report.episodes, metric), column(first.episodes, metric))
-            for metric in PAIRED_MEANS
-        }
+    for name, report in sorted(pooled.items(), key=lambda one: _merit(one[1])):
+        own, theirs = report.episodes, first.episodes
+        means = {of: mean_difference(column(own, of), column(theirs, of)) for of in PAIRED_MEANS if report is not first}
         found.append(
             Standing(
                 name,
                 report,
-                {
-                    metric: paired_difference(column(report.episodes, metric), column(first.episodes, metric))
-                    for metric in PAIRED_RATES
-                },
-                {metric: mean for metric, mean in differences.items() if mean is not None},
-                slowdown,
+                {} if report is first else _rates_minus(own, theirs),
+                {metric: mean for metric, mean in means.items() if mean is not None},
+                slowdown_beside_people(report, pooled.get(UNFILTERED)),
             )
         )
-    return sorted(found, key=_rank)
+    return found
 
 
 def slowdown_beside_people(report: Report, unfiltered: Report | None) -> Slowdown | None:
@@ -196,10 +190,6 @@ def columns(report: Report, slowdown: Slowdown | None) -> list[Rate | Mean | str
 def _timed(report: Report) -> list[EvaluationRow]:
     """Episodes that have a way to go; a goal that is held from the beginning (Home) would only hide their times."""
     return [one for one in report.episodes if one.task not in TASKS or TASKS[one.task].ends]
-
-
-def _rank(one: Standing) -> tuple[float, float, float]:
-    return _merit(one.pooled)
 
 
 def _merit(report: Report) -> tuple[float, float, float]:

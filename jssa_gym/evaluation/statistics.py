@@ -47,10 +47,22 @@ def bootstrap_interval(
     Raises:
         ParameterError: No values, values that are not finite, or a confidence or count out of range.
     """
-    array, tail, resamples = _samples("values", values), tail_of(confidence), positive_integer("resamples", resamples)
-    rng = np.random.default_rng(seed)
-    drawn = [float(statistic(array[rng.integers(len(array), size=len(array))])) for _ in range(resamples)]
-    low, high = np.quantile(drawn, [tail, 1.0 - tail])
+    array, resamples = _samples("values", values), positive_integer("resamples", resamples)
+    tail_of(confidence)  # is one
+    if len(array) == 1:  # which scipy refuses
+        return (value := float(statistic(array))), value
+    from scipy.stats import bootstrap
+
+    low, high = bootstrap(
+        (np.arange(len(array)),),  # rows are drawn by their numbers
+        lambda drawn: float(statistic(array[drawn])),
+        n_resamples=resamples,
+        batch=max(1, _LARGEST // len(array)),
+        vectorized=False,
+        confidence_level=confidence,
+        method="percentile",
+        random_state=np.random.default_rng(seed),
+    ).confidence_interval
     return float(low), float(high)
 
 

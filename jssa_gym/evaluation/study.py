@@ -19,14 +19,13 @@ from jssa_gym.evaluation.metrics import SeparationParams, summarise
 from jssa_gym.evaluation.people import known_person, make_person, people_digests
 from jssa_gym.evaluation.plan import EpisodePlan, episodes_of_a_cell, paired_seeds
 from jssa_gym.evaluation.policy import AS_IT_IS, AsTrained, check_unchanged, make_policy, policy_code, policy_factory
-from jssa_gym.evaluation.rollout import shield_of
 from jssa_gym.evaluation.rows import EvaluationRow, Row, Setting, digest_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, Policy
 from jssa_gym.robots import DEFAULT, RobotModel, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import Shield, read_name
-from jssa_gym.shields.registry import WHOLE
+from jssa_gym.shields.wrappers import layer_of
 from jssa_gym.types import Trace
 from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, whole_number
 
@@ -42,12 +41,10 @@ def put_filter(env: gym.Env, name: str, assumed: FailsafeParams | None = None) -
     Raises:
         ParameterError: Unknown name, the environment has a shield, or no task with a shielded id.
     """
-    if shield_of(env) is not None:
+    if layer_of(env, Shield) is not None:
         raise ParameterError(f"{env} has a shield already: give a filter or an environment with a shield, not both")
-    filter_name = read_name(name)
-    if assumed is None or not (filter_name.stop or filter_name.filter in WHOLE):
-        return Shield(env, name)
-    return Shield(env, name, stop=assumed)
+    guarded = read_name(name).guarded
+    return Shield(env, name, stop=assumed if guarded and assumed is not None else False)
 
 
 class Evaluation(EpisodePlan[EvaluationRow]):
@@ -177,9 +174,6 @@ class Study(Evaluation):
         )
         check_unchanged(cell.policy, dict(self.code).get(cell.policy, ""))  # what was read, after it was read
         return policy
-
-    def named_policy(self, cell: Setting) -> str:
-        return cell.policy
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,13 +8,24 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 import numpy as np
 
 from jssa_gym.exceptions import TraceError
+from jssa_gym.robots import RobotModel
 from jssa_gym.storage import open_archive, read_array, read_header, read_sealed, refused, write_sealed
-from jssa_gym.types import Trace
+from jssa_gym.types import Array, CapsuleSet, Planes, Status, Trace
 
 _WHAT, _VERSION, _EARLIER = "trace", 3, (2,)
 
 LATER = {"margin": np.nan, "kind": "", "choice": -1, "override": np.nan}
 """What files of version 2, and steps without a shield, do not say; and what stands there instead."""
+
+UNSHIELDED: dict[str, Any] = {
+    "status": int(Status.NOMINAL), "reason": "", "intervened": False, "correction": np.nan, "phi": np.nan,
+    "slack": np.nan, **LATER,
+}  # fmt: skip
+"""What a shield says of a step, and what stands there without one."""
+
+_TASKLESS: dict[str, Any] = {"dynamics": "kinematic", "task": "", "holds": False}
+_ABSENT: dict[str, Any] = {"goal": (), "reward": 0.0, "success": False, "shield_time": np.nan, **UNSHIELDED}
+"""What is not said of a motion that is no episode of an environment, throughout and of a step."""
 
 LARGEST = 512 * 2**20
 """Size from which nothing is read, on disk and unpacked [bytes]."""
@@ -35,20 +46,41 @@ _PLAIN = {field: hint for field, hint in _HINTS.items() if field not in _SHAPED}
 """Type of every text and number, which the file's header holds, as it does the names."""
 
 
+def beginning(robot: RobotModel, state: Array, human: CapsuleSet, planes: Planes) -> dict[str, Any]:
+    """What a trace holds once of where it begins, by field; copied.
+
+    Args:
+        robot: Where it stands.
+        state: Joint state before the first step, shape (3, n) [rad, rad/s, rad/s²].
+        human: People before the first step.
+        planes: Half-spaces.
+    """
+    return {
+        "robot": robot.name,
+        "mount": np.array(robot.mount),
+        "initial_state": np.array(state),
+        "initial_human": np.array([human.start, human.end]),
+        "human_radius": np.array(human.radius),
+        "human_person": np.array(human.person),
+        "human_names": human.names,
+        "plane_normal": np.array(planes.normal),
+        "plane_offset": np.array(planes.offset),
+        "plane_names": planes.names,
+    }
+
+
 def trace_of(once: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Trace:
     """A trace of what holds throughout, and of the other fields after every control step.
 
     Args:
         once: By field.
-        rows: One a control step, by field; those of :data:`LATER` may be missing.
+        rows: One a control step, by field; what tasks, rewards and shields say may be missing.
     """
-    whole = [{**LATER, **row} for row in rows]
-    return Trace(
-        **once,
-        **{
-            field: np.array([row[field] for row in whole], kind) for field, kind in _ARRAYS.items() if field not in once
-        },
-    )
+    once, whole = {**_TASKLESS, **once}, [{**_ABSENT, **row} for row in rows]
+    arrays = {
+        field: np.array([row[field] for row in whole], kind) for field, kind in _ARRAYS.items() if field not in once
+    }
+    return Trace(**once, **arrays)
 
 
 def trace_of_columns(once: Mapping[str, Any], columns: Mapping[str, Any]) -> Trace:

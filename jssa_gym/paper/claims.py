@@ -171,7 +171,7 @@ def _fluctuation(trace: Trace) -> float:
 
 # ---- sensitivity, Table 1 ----------------------------------------------------------------------------
 
-Grid = Mapping[tuple[float, float], Measures]
+LambdaTable = Mapping[tuple[float, float], Measures]
 """Measures by (λ₁, λ₂)."""
 
 _TRENDS: tuple[tuple[str, int, str, int], ...] = (
@@ -186,7 +186,7 @@ _TRENDS: tuple[tuple[str, int, str, int], ...] = (
 """What section 4.2 says about Table 1: text, which λ grows, which measure changes, and whether it grows or falls."""
 
 
-def sensitivity_claims(tables: Mapping[str, Grid]) -> list[Claim]:
+def sensitivity_claims(tables: Mapping[str, LambdaTable]) -> list[Claim]:
     """What section 4.2 says about Table 1, for the paper's own numbers and for others.
 
     A trend is judged along each line of the table, from its smallest to its largest λ. It holds if it is seen in one
@@ -202,7 +202,7 @@ def sensitivity_claims(tables: Mapping[str, Grid]) -> list[Claim]:
     ]
 
 
-def _trend(table: Grid, axis: int, measure: str, sign: int) -> Evidence:
+def _trend(table: LambdaTable, axis: int, measure: str, sign: int) -> Evidence:
     values = sorted({key[axis] for key in table})
     others = sorted({key[1 - axis] for key in table})
     along, against = 0, 0

@@ -7,7 +7,7 @@ import numpy as np
 
 from jssa_gym.evaluation.audit import AuditedStretch
 from jssa_gym.palette import BLUE, GREEN, GREY, RED
-from jssa_gym.plots.style import legend_below, styled
+from jssa_gym.plots.style import label_rows, legend_below, panels, styled
 from jssa_gym.text import printable
 
 if TYPE_CHECKING:
@@ -27,11 +27,8 @@ def audited(stretches: Sequence[AuditedStretch], title: str) -> "Figure":
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    from matplotlib.figure import Figure
-
-    drawing = Figure(figsize=(9.0, 9.0), layout="constrained")
-    axes = drawing.subplots(4, 1, sharex=True)
-    axes[0].set_title(printable(title), parse_math=False)
+    drawing, axes = panels(9.0, 9.0, 4, 1, sharex=True)
+    axes[0, 0].set_title(printable(title), parse_math=False)
     for k, stretch in enumerate(stretches):
         fastest = [np.abs(trace.velocity).max(axis=1) for trace in (stretch.logged, stretch.safe)]
         curves = (
@@ -40,19 +37,16 @@ def audited(stretches: Sequence[AuditedStretch], title: str) -> "Figure":
             fastest,
             (None, stretch.lateness),
         )
-        for panel, both in zip(axes, curves, strict=True):
+        for panel, both in zip(axes[:, 0], curves, strict=True):
             for curve, colour, name in zip(both, (BLUE, GREEN), ("as logged", "with the shield"), strict=True):
                 if curve is not None:
                     shown = np.where(np.isfinite(curve), curve, np.nan)
                     panel.plot(stretch.time, shown, color=colour, linewidth=1.2, label=name if k == 0 else None)
             for one in stretch.interventions:
                 panel.axvspan(one.start, one.end, color=RED, alpha=0.18, linewidth=0.0)
-    for panel, label in zip(
-        axes, ("distance [m]", "distance - S_p [m]", "fastest joint\n[rad/s]", "behind the log\n[s]"), strict=True
-    ):
-        panel.set_ylabel(label)
-    for panel in axes[:2]:
+    label_rows(axes, "distance [m]", "distance - S_p [m]", "fastest joint\n[rad/s]", "behind the log\n[s]")
+    for panel in axes[:2, 0]:
         panel.axhline(0.0, color=GREY, linewidth=0.8)
-    axes[-1].set_xlabel("time [s]")
-    legend_below(drawing, axes[0])
+    axes[-1, 0].set_xlabel("time [s]")
+    legend_below(drawing, axes[0, 0])
     return drawing

@@ -8,8 +8,8 @@ from typing import IO, Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from jssa_gym.exceptions import MissingExtraError
-from jssa_gym.plots.style import INSTALL, draw_without_display
+from jssa_gym.exceptions import MissingExtraError, how_to_install
+from jssa_gym.plots.style import draw_without_display
 from jssa_gym.storage import whole_file
 
 
@@ -21,7 +21,7 @@ def require(film: bool = False) -> None:
     """
     for module, what in (("matplotlib", "figures"), ("av", "films"))[: 2 if film else 1]:
         if importlib.util.find_spec(module) is None:
-            raise MissingExtraError(f"{what} need the extra 'plots': {INSTALL}")
+            raise MissingExtraError(f"{what} need the extra 'plots': {how_to_install('plots')}")
 
 
 def write_png(file: IO[bytes], pixels: NDArray[np.uint8]) -> None:
@@ -51,7 +51,7 @@ def write_film(path: str | Path, frames: Iterator[NDArray[np.uint8]], rate: int)
     try:
         import av
     except ImportError as error:
-        raise MissingExtraError(f"films need the extra 'plots': {INSTALL}") from error
+        raise MissingExtraError(f"films need the extra 'plots': {how_to_install('plots')}") from error
     with whole_file(Path(path)) as file, av.open(file, "w", format="mp4") as container:
         stream: Any = container.add_stream("h264", rate=rate)
         stream.pix_fmt = "yuv420p"

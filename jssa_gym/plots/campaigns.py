@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from jssa_gym.palette import BLUE, RED
-from jssa_gym.plots.style import styled
+from jssa_gym.plots.style import label_rows, panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,18 +34,14 @@ def degradation(fast: Curve, late: Curve) -> "Figure":
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
-    axes = figure.subplots(2, 2, sharex="col", sharey="row")
+    figure, axes = panels(9.0, 6.0, 2, 2, sharex="col", sharey="row")
     titles = ("speed of people / speed assumed", "latency that nobody reports [ms]")
     for (rate, speed), curve, title in zip(axes.T, (fast, late), titles, strict=True):
         rate.fill_between(curve.level, curve.low, curve.high, color=BLUE, alpha=0.2, linewidth=0.0)
         rate.plot(curve.level, curve.rate, color=BLUE, marker="o")
         speed.plot(curve.level, curve.speed, color=RED, marker="o")
         speed.set_xlabel(title)
-    axes[0, 0].set_ylabel("episodes with a\nmoving contact")
-    axes[1, 0].set_ylabel("fastest contact [m/s]")
+    label_rows(axes, "episodes with a\nmoving contact", "fastest contact [m/s]")
     axes[0, 0].set_ylim(-0.02, 1.02)
     axes[1, 0].set_ylim(bottom=0.0)
     return figure

@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jssa_gym.evaluation.spans import spans
 from jssa_gym.palette import BLACK, BLUE, COLOURS, ORANGE, RED
-from jssa_gym.plots.style import legend_beside, styled
+from jssa_gym.plots.style import distance_panel, label_rows, legend_beside, panels, styled
 from jssa_gym.robots import JointLimits
-from jssa_gym.text import printable
 from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
@@ -34,18 +33,11 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.6 * len(traces) + 1.4, 10.0), layout="constrained")
-    axes = figure.subplots(5, len(traces), sharex=True, sharey="row", squeeze=False)
+    figure, axes = panels(4.6 * len(traces) + 1.4, 10.0, 5, len(traces), sharex=True, sharey="row")
     for column, trace in zip(axes.T, traces, strict=True):
         _column(column, trace, limits, d_min)
-    for row, label in zip(
-        axes[:, 0],
-        ("distance [m]", "its rate [m/s]", "its second\nderivative [m/s²]", "critical capsule", "jerk / its bound"),
-        strict=True,
-    ):
-        row.set_ylabel(label)
+    told = "distance [m]", "its rate [m/s]", "its second\nderivative [m/s²]", "critical capsule", "jerk / its bound"
+    label_rows(axes, *told)
     # a shield that throws the arm about would otherwise flatten everybody else's curve
     for row, field, most in ((1, "speed", 3.0), (2, "acceleration_of_distance", 12.0)):
         largest = max(np.nanmax(np.abs(getattr(trace, field)), initial=0.0) for trace in traces)
@@ -58,10 +50,7 @@ def profile(traces: Sequence[Trace], limits: JointLimits, d_min: float) -> "Figu
 
 def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float) -> None:
     time = trace.time
-    axes[0].set_title(printable(trace.name), parse_math=False)
-    axes[0].plot(time, trace.distance, color=BLACK)
-    axes[0].axhline(d_min, color=RED, linestyle="--", linewidth=1.0, label=f"$d_{{min}}$ = {d_min} m")
-    axes[0].axhline(0.0, color=RED, linewidth=1.0, label="contact")
+    distance_panel(axes[0], trace, d_min)
     axes[0].axvspan(np.nan, np.nan, color=ORANGE, alpha=_SHADE, label="shield active")
     axes[1].plot(time, trace.speed, color=BLACK)
     axes[2].plot(time, trace.acceleration_of_distance, color=BLACK, linewidth=0.9)
@@ -79,11 +68,6 @@ def _column(axes: Sequence[Any], trace: Trace, limits: JointLimits, d_min: float
 
 def shade(panels: Sequence[Any], trace: Trace) -> None:
     """Mark when an episode's shield was active, on every panel."""
-    for start, end in _spans(trace.intervened):
+    for start, end in spans(trace.intervened):
         for panel in panels:
             panel.axvspan(trace.time[start] - trace.dt, trace.time[end - 1], color=ORANGE, alpha=_SHADE, linewidth=0.0)
-
-
-def _spans(active: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(active.astype(int), prepend=0, append=0))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

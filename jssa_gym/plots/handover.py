@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jssa_gym.palette import BLACK, BLUE, COLOURS, ORANGE, RED
+from jssa_gym.palette import BLACK, BLUE, COLOURS, ORANGE
 from jssa_gym.plots.episodes import shade
-from jssa_gym.plots.style import legend_beside, styled
-from jssa_gym.text import printable
+from jssa_gym.plots.style import distance_panel, label_rows, legend_beside, panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,18 +29,10 @@ def handovers(runs: Sequence["Delivery"], d_min: float) -> "Figure":
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.6 * len(runs) + 1.6, 8.4), layout="constrained")
-    axes = figure.subplots(4, len(runs), sharex=True, sharey="row", squeeze=False)
+    figure, axes = panels(4.6 * len(runs) + 1.6, 8.4, 4, len(runs), sharex=True, sharey="row")
     for column, run in zip(axes.T, runs, strict=True):
         _column(column, run, d_min)
-    for row, label in zip(
-        axes[:, 0],
-        ("distance from\nthe person [m]", "tool and goal [m]", "tool from goal [m]", "active, replans"),
-        strict=True,
-    ):
-        row.set_ylabel(label)
+    label_rows(axes, "distance from\nthe person [m]", "tool and goal [m]", "tool from goal [m]", "active, replans")
     for row in (0, 1, 3):
         legend_beside(axes[row, -1])
     return figure
@@ -49,15 +40,12 @@ def handovers(runs: Sequence["Delivery"], d_min: float) -> "Figure":
 
 def _column(axes: Sequence[Any], run: "Delivery", d_min: float) -> None:
     time = run.trace.time
-    axes[0].set_title(printable(run.trace.name), parse_math=False)
-    axes[0].plot(time, run.trace.distance, color=BLACK)
-    axes[0].axhline(d_min, color=RED, linestyle="--", linewidth=1.0, label=f"$d_{{min}}$ = {d_min} m")
-    axes[0].axhline(0.0, color=RED, linewidth=1.0, label="contact")
+    distance_panel(axes[0], run.trace, d_min)
     for k, name in enumerate("xyz"):
         axes[1].plot(time, run.tip[:, k], color=COLOURS[k], label=name)
         axes[1].plot(time, run.goal[:, k], color=COLOURS[k], linestyle=":")
     axes[1].plot([], [], color=BLACK, linestyle=":", label="goal")
-    axes[2].plot(time, np.linalg.norm(run.tip - run.goal, axis=1), color=BLACK)
+    axes[2].plot(time, run.error, color=BLACK)
     axes[3].step(time, run.trace.intervened, where="post", color=ORANGE, label="shield active")
     axes[3].plot(
         time[run.replans],

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jssa_gym.palette import RED
-from jssa_gym.plots.style import legend_below, styled
+from jssa_gym.plots.style import legend_below, panels, styled
 from jssa_gym.text import printable
 
 if TYPE_CHECKING:
@@ -27,12 +27,11 @@ def lambda_map(swept: "LambdaMap", pairs: Mapping[str, tuple[float, float]]) -> 
         MissingExtraError: matplotlib is not installed.
     """
     from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
 
     names, best = list(swept.best.lost), swept.best
     columns = min(len(names), 2)
-    figure = Figure(figsize=(4.6 * columns, 3.9 * -(-len(names) // columns) + 0.6), layout="constrained")
-    axes = figure.subplots(-(-len(names) // columns), columns, sharex=True, sharey=True, squeeze=False)
+    rows = -(-len(names) // columns)
+    figure, axes = panels(4.6 * columns, 3.9 * rows + 0.6, rows, columns, sharex=True, sharey=True)
     least, (ones, twos) = 1e-2, swept.grid
     edges = [np.sqrt(x[0] / x[1]) * np.r_[x, x[-1] * x[1] / x[0]] for x in swept.grid]
     scale = LogNorm(least, 1.0)

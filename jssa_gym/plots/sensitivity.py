@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jssa_gym.plots.style import styled
+from jssa_gym.plots.style import panels, styled
 from jssa_gym.types import Array
 
 if TYPE_CHECKING:
@@ -29,10 +29,8 @@ def sensitivity(
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(2.8 * len(tables) + 1.4, 1.9 * len(measures)), layout="constrained")
-    axes = figure.subplots(len(measures), len(tables), sharex=True, sharey=True, squeeze=False)
+    width, height = 2.8 * len(tables) + 1.4, 1.9 * len(measures)
+    figure, axes = panels(width, height, len(measures), len(tables), sharex=True, sharey=True)
     for column, (title, table) in zip(axes.T, tables.items(), strict=True):
         column[0].set_title(title)
         for panel, values in zip(column, np.moveaxis(table, -1, 0), strict=True):

@@ -3,9 +3,12 @@
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec
 
-from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.exceptions import MissingExtraError, how_to_install
+from jssa_gym.palette import BLACK, RED
+from jssa_gym.text import printable
+from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -13,8 +16,6 @@ if TYPE_CHECKING:
 
 STYLE = Path(__file__).parent / "jssa.mplstyle"
 """For figures of one's own: ``matplotlib.style.use(jssa_gym.plots.style.STYLE)``."""
-
-INSTALL = "pip install 'jssa-gym[plots]', or pip install -e '.[plots]' in a clone"
 
 _Parameters = ParamSpec("_Parameters")
 
@@ -46,8 +47,30 @@ def draw_without_display() -> None:
     try:
         import matplotlib
     except ImportError as error:
-        raise MissingExtraError(f"figures need the extra 'plots': {INSTALL}") from error
+        raise MissingExtraError(f"figures need the extra 'plots': {how_to_install('plots')}") from error
     matplotlib.use("agg", force=False)
+
+
+def panels(width: float, height: float, rows: int, columns: int, **shared: Any) -> "tuple[Figure, Any]":
+    """A figure of so many inches, and its panels, shape (rows, columns); ``shared`` are options of ``subplots``."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
+
+
+def label_rows(axes: Any, *labels: str) -> None:
+    """What is drawn upwards in each row of panels."""
+    for panel, label in zip(axes[:, 0], labels, strict=True):
+        panel.set_ylabel(label)
+
+
+def distance_panel(axes: "Axes", trace: Trace, d_min: float) -> None:
+    """An episode's distance from people, under its name, with the lines that it should stay above."""
+    axes.set_title(printable(trace.name), parse_math=False)
+    axes.plot(trace.time, trace.distance, color=BLACK)
+    axes.axhline(d_min, color=RED, linestyle="--", linewidth=1.0, label=f"$d_{{min}}$ = {d_min} m")
+    axes.axhline(0.0, color=RED, linewidth=1.0, label="contact")
 
 
 def legend_beside(axes: "Axes") -> None:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jssa_gym.exceptions import MissingExtraError, PolicyFileError
+from jssa_gym.exceptions import MissingExtraError, PolicyFileError, how_to_install
 from jssa_gym.policies.files import LARGEST
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.model import ModelPolicy
@@ -18,7 +18,7 @@ from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.storage import open_archive, read_member, read_whole
 from jssa_gym.types import Array
 
-INSTALL = "pip install 'jssa-gym[train]', or pip install -e '.[train]' in a clone"
+INSTALL = how_to_install("train")
 
 _TRUST = "pass trust_pickle=True, only for files whose origin you know, to have Stable-Baselines3 load it"
 

@@ -12,6 +12,7 @@ from jssa_gym.control.commands import MODES, Commands, JPCAction
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies.network import Network
 from jssa_gym.robots import ROBOTS, JointLimits, RobotModel, make_robot
+from jssa_gym.shields.wrappers import layer_of
 from jssa_gym.types import Array, JointState
 from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false
 
@@ -199,13 +200,10 @@ class LearnedPolicy:
         """Whether the jerk that is made of commands is one for this arm, and nothing is made of it again."""
         if self._commands is None:
             return
-        layer = env
-        while isinstance(layer, gym.Wrapper):
-            if isinstance(layer, JPCAction):
-                raise ParameterError(
-                    f"the policy turns its {self.control} commands into jerk itself: take JPCAction off the environment"
-                )
-            layer = layer.env
+        if layer_of(env, JPCAction) is not None:
+            raise ParameterError(
+                f"the policy turns its {self.control} commands into jerk itself: take JPCAction off the environment"
+            )
         own = self._commands.robot
         if own is not None and not (
             np.array_equal(own.mounted(robot.mount).links, robot.links)

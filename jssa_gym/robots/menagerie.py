@@ -8,10 +8,8 @@ import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jssa_gym.exceptions import MissingExtraError, RobotModelError
+from jssa_gym.exceptions import MissingExtraError, RobotModelError, how_to_install
 from jssa_gym.robots.limits import LimitTable, read_limits
-
-INSTALL = "pip install 'jssa-gym[robots]', or pip install -e '.[robots]' in a clone"
 
 PUBLISHED = Path(__file__).parent / "published"
 """Tables of limits from public data, by name of the arm."""
@@ -61,7 +59,7 @@ def prepared_folder(name: str) -> Path:
     try:
         mujoco_menagerie = importlib.import_module("mujoco_menagerie")
     except ImportError as error:
-        raise MissingExtraError(f"the robot {name!r} needs the extra 'robots': {INSTALL}") from error
+        raise MissingExtraError(f"the robot {name!r} needs the extra 'robots': {how_to_install('robots')}") from error
     origin = MENAGERIE[name]
     try:
         robot = mujoco_menagerie.get(origin.robot)

@@ -103,6 +103,11 @@ class FilterName(NamedTuple):
     stop: bool
     """Whether viability box and verified stop are around it."""
 
+    @property
+    def guarded(self) -> bool:
+        """Whether there is a verified stop, by the name's end or by what the filter is."""
+        return self.stop or self.filter in WHOLE
+
 
 def read_name(name: str) -> FilterName:
     """What the name of a filter says; whoever takes one reads it here.

@@ -1,10 +1,12 @@
 """Which wrappers may lie between an environment and its shield: those that pass every action on, once, as it is."""
 
-from typing import Any
+from typing import Any, TypeVar
 
 import gymnasium as gym
 
 from jssa_gym.exceptions import InterfaceError
+
+Layer = TypeVar("Layer", bound=gym.Wrapper)
 
 REPEATERS = frozenset(
     {
@@ -26,6 +28,15 @@ REPEATERS = frozenset(
 )
 """Wrappers, by the name of their class or of one that it derives from, whose own ``step`` changes, repeats or drops
 actions; what derives from ``gymnasium.ActionWrapper`` needs no name."""
+
+
+def layer_of(env: gym.Env, kind: type[Layer]) -> Layer | None:
+    """The outermost wrapper of a kind around an environment; None without any."""
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, kind):
+            return env
+        env = env.env
+    return None
 
 
 def refuse_other_actions(env: gym.Env) -> None:

@@ -16,16 +16,19 @@ from jssa_gym.storage.files import (
     read_text,
     read_whole,
     refused,
+    sha256,
     whole_file,
     whole_lines,
     write_whole,
 )
+from jssa_gym.storage.plain import plain, write_json
 
 __all__ = [
     "append_whole",
     "file_name",
     "open_archive",
     "open_whole",
+    "plain",
     "read_array",
     "read_header",
     "read_member",
@@ -33,9 +36,11 @@ __all__ = [
     "read_text",
     "read_whole",
     "refused",
+    "sha256",
     "whole_file",
     "whole_lines",
     "write_archive",
+    "write_json",
     "write_sealed",
     "write_whole",
 ]

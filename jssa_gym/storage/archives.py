@@ -4,7 +4,6 @@ All are ``.npz`` files that ``numpy.load`` reads without pickles. A sealed one e
 the archive's comment.
 """
 
-import hashlib
 import io
 import json
 import re
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import JSSAGymError
-from jssa_gym.storage.files import read_whole, write_whole
+from jssa_gym.storage.files import read_whole, sha256, write_whole
 
 _DIGEST = 64
 """Length of a SHA-256 in hexadecimal digits."""
@@ -85,11 +84,7 @@ def write_sealed(
     body = buffer.getvalue()[:-_DIGEST]
     if len(body) + _DIGEST > largest:
         raise failure(f"{path} would have {len(body) + _DIGEST:,} bytes, more than {largest:,}")
-    write_whole(path, body + _sha256(body))
-
-
-def _sha256(content: bytes) -> bytes:
-    return hashlib.sha256(content).hexdigest().encode()
+    write_whole(path, body + sha256(body).encode())
 
 
 def read_sealed(path: Path, what: str, failure: type[JSSAGymError], largest: int) -> bytes:
@@ -105,7 +100,7 @@ def read_sealed(path: Path, what: str, failure: type[JSSAGymError], largest: int
         JSSAGymError: ``failure``: it cannot be read, or its seal is none, or broken.
     """
     content = read_whole(path, failure, largest)
-    if _sha256(content[:-_DIGEST]) != content[-_DIGEST:]:
+    if sha256(content[:-_DIGEST]).encode() != content[-_DIGEST:]:
         raise failure(f"{path} is no {what}, or not as it was written: its SHA-256 does not fit")
     return content
 

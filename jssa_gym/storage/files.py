@@ -231,9 +231,18 @@ def read_text(path: Path, failure: type[JSSAGymError], largest: int = LARGEST) -
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def sha256(content: bytes | IO[bytes]) -> str:
+    """SHA-256 of bytes, or of all of a file, in hexadecimal digits."""
+    if isinstance(content, bytes):
+        return hashlib.sha256(content).hexdigest()
+    file: Any = content
+    file.seek(0)
+    return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def file_name(name: str) -> str:
     """A name as a part of a file's: letters, digits and ``-_.+``; a digest tells apart what that makes alike."""
     plain = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in name)
     if plain != name or len(plain) > 100:  # paths can be long
-        plain = f"{plain[:80]}-{hashlib.sha256(name.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"
+        plain = f"{plain[:80]}-{sha256(name.encode('utf-8', 'surrogatepass'))[:8]}"
     return plain

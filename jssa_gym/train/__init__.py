@@ -3,9 +3,9 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.exceptions import MissingExtraError, how_to_install
 from jssa_gym.train.aggregate import interquartile_mean, stratified_interval
-from jssa_gym.train.config import INSTALL, PRESETS, TrainConfig, preset
+from jssa_gym.train.config import PRESETS, TrainConfig, preset
 from jssa_gym.train.curves import Band, LearningCurve, learning_curves
 from jssa_gym.train.environment import control_env, training_env
 from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, TD3, TQC, PPOLagrangian, SACLagrangian, Settings
@@ -67,6 +67,6 @@ def __getattr__(name: str) -> Any:
     try:
         value = getattr(importlib.import_module(f"jssa_gym.train.{_HOMES[name]}"), name)
     except ModuleNotFoundError as error:
-        raise MissingExtraError(f"training needs the extra 'train' ({error}): {INSTALL}") from error
+        raise MissingExtraError(f"training needs the extra 'train' ({error}): {how_to_install('train')}") from error
     globals()[name] = value
     return value

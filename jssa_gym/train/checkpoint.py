@@ -4,7 +4,6 @@ A folder is written under another name and renamed, its files by ``storage/files
 """
 
 import contextlib
-import hashlib
 import json
 import os
 import re
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from jssa_gym.exceptions import CheckpointError
-from jssa_gym.storage import open_whole, read_text, refused, whole_file, write_whole
+from jssa_gym.storage import open_whole, read_text, refused, sha256, whole_file, write_json
 
 MANIFEST = "manifest.json"
 
@@ -82,10 +81,9 @@ def write_checkpoint(
                 write(file)
                 if (size := file.seek(0, os.SEEK_END)) > LARGEST:
                     raise CheckpointError(f"{name} has {size:,} bytes, more than {LARGEST:,}")
-                sums[name] = _sha256(file)
+                sums[name] = sha256(file)
         body = {"version": _VERSION, "steps": steps, "files": sums, "data": dict(data)}
-        text = json.dumps({**body, "sha256": digest_of(body)}, indent=2, allow_nan=False) + "\n"
-        write_whole(unfinished / MANIFEST, text)
+        write_json(unfinished / MANIFEST, {**body, "sha256": digest_of(body)})
         _to_disk(unfinished)
         shutil.rmtree(target, ignore_errors=True)  # of the same steps: a bad one that is written anew
         unfinished.replace(target)
@@ -118,7 +116,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
             if (folder / name).parent != folder or name in ("", ".", ".."):
                 raise CheckpointError(f"{path} names a file outside its folder: {name!r}")
             with open_whole(folder / name, CheckpointError, LARGEST) as file:
-                if _sha256(file) != expected:
+                if sha256(file) != expected:
                     raise CheckpointError(
                         f"{folder / name} was changed or truncated: its SHA-256 differs from the manifest's"
                     )
@@ -160,12 +158,7 @@ def _all(folder: Path) -> list[Path]:
 
 def digest_of(body: Mapping[str, Any]) -> str:
     """A manifest's own checksum, of all the rest of it."""
-    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
-
-
-def _sha256(file: Any) -> str:
-    file.seek(0)
-    return hashlib.file_digest(file, "sha256").hexdigest()
+    return sha256(json.dumps(body, sort_keys=True).encode())
 
 
 def _to_disk(path: Path) -> None:

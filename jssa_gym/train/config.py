@@ -1,6 +1,5 @@
 """A training, described completely; :data:`PRESETS` has those that were tuned."""
 
-import hashlib
 import json
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
@@ -11,14 +10,13 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS
 from jssa_gym.humans.files import is_file, load
 from jssa_gym.robots import DEFAULT, ROBOTS
+from jssa_gym.storage import sha256
 from jssa_gym.train.settings import ALGORITHMS, PPO, SAC, OffPolicy, PPOLagrangian, SACLagrangian, Settings
 from jssa_gym.train.wrappers import LEAST_SHARE
-from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false, whole_number
+from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, true_or_false, whole_number
 
 LearnFrom = Literal["policy", "executed", "penalty", "both"]
 Control = Literal["jerk", "velocity", "position", "tip"]
-
-INSTALL = "pip install 'jssa-gym[train]', or pip install -e '.[train]' in a clone"
 
 LARGEST_SEED = 2**32 - 1
 """Of a training; what torch and numpy take."""
@@ -93,10 +91,9 @@ class TrainConfig:
                 "control='velocity'"
             )
         known_name("learn_from", self.learn_from, ("policy", "executed", "penalty", "both"))
-        for name in ("shield", "observe_intervention", "normalise", "processes"):
-            object.__setattr__(self, name, true_or_false(name, getattr(self, name)))
+        check_fields(self, ("shield", "observe_intervention", "normalise", "processes"), true_or_false)
         if self.vector is not None:
-            object.__setattr__(self, "vector", true_or_false("vector", self.vector))
+            check_fields(self, ("vector",), true_or_false)
         if self.vector and self.processes:
             raise ParameterError("a vector is one process: give either vector or processes")
         if self.vector and self.stores_executed:
@@ -104,13 +101,12 @@ class TrainConfig:
                 f"learn_from={self.learn_from!r} asks every environment what it executed, which a vector does not "
                 "tell: train without vector, or with learn_from='policy' or 'penalty'"
             )
-        for name in ("ticks", "steps", "envs", "interval", "eval_episodes"):
-            object.__setattr__(self, name, positive_integer(name, getattr(self, name)))
-        object.__setattr__(self, "seed", whole_number("seed", self.seed))
+        check_fields(self, ("ticks", "steps", "envs", "interval", "eval_episodes"), positive_integer)
+        check_fields(self, ("seed",), whole_number)
         if self.seed > LARGEST_SEED:
             raise ParameterError(f"seed has to be at most {LARGEST_SEED}, got {self.seed}")
-        object.__setattr__(self, "share", number_within("share", self.share, LEAST_SHARE, 1.0))
-        object.__setattr__(self, "penalty", number_within("penalty", self.penalty, 0.0))
+        check_fields(self, ("share",), number_within, LEAST_SHARE, 1.0)
+        check_fields(self, ("penalty",), number_within, 0.0)
         if not isinstance(self.settings, Settings):
             raise ParameterError(f"settings have to be one of {', '.join(ALGORITHMS)}, got {self.settings!r}")
         if not self.shield and (self.learn_from != "policy" or self.observe_intervention):
@@ -184,7 +180,7 @@ class TrainConfig:
             data["robot"] = robot_identity(self.robot)
         if not self.settings.decay:
             data["steps"] = 0
-        return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+        return sha256(json.dumps(data, sort_keys=True).encode())[:16]
 
 
 _TIP: dict[str, Any] = {"control": "tip", "share": 1.0, "ticks": 25}

@@ -1,6 +1,5 @@
 """The environments that a learner acts in."""
 
-from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -41,8 +40,3 @@ def training_env(config: TrainConfig) -> gym.Env:
     if config.stores_executed:
         env = ExecutedAction(env, config.control, config.share)
     return env
-
-
-def makers(config: TrainConfig) -> list[partial[gym.Env]]:
-    """A function for every environment, which other processes can call."""
-    return [partial(training_env, config)] * config.envs

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from jssa_gym.evaluation.report import Report
 from jssa_gym.exceptions import CheckpointError
-from jssa_gym.storage import write_whole
+from jssa_gym.storage import plain, write_json, write_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +105,7 @@ class EpisodeCounter:
 
 def as_rows(history: tuple[Leg, ...]) -> list[dict[str, Any]]:
     """A history as JSON can hold it: None for what is not there."""
-    return [{f.name: None if (x := getattr(leg, f.name)) != x else x for f in fields(leg)} for leg in history]
+    return plain(history)
 
 
 def from_rows(rows: list[dict[str, Any]]) -> tuple[Leg, ...]:
@@ -148,4 +147,4 @@ def write_record(path: Path, training: Mapping[str, Any], history: tuple[Leg, ..
         training: As :meth:`~jssa_gym.train.TrainConfig.as_dict` gives it.
         history: Its legs.
     """
-    write_whole(path, json.dumps({"training": training, "history": as_rows(history)}, indent=2, allow_nan=False) + "\n")
+    write_json(path, {"training": training, "history": as_rows(history)})

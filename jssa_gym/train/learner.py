@@ -18,12 +18,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from jssa_gym.engine.workers import UNABLE
-from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError
+from jssa_gym.exceptions import MissingExtraError, ParameterError, WorkerError, how_to_install
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.policies.network import Network
 from jssa_gym.text import show_messages
-from jssa_gym.train.config import INSTALL, TrainConfig
-from jssa_gym.train.environment import makers
+from jssa_gym.train.config import TrainConfig
+from jssa_gym.train.environment import training_env
 from jssa_gym.train.lagrangian import ConstrainedPPO, ConstrainedSAC, CostBuffer, CostLimit, ExecutedBuffer
 from jssa_gym.train.settings import PPO, TD3, TQC, OffPolicy, PPOLagrangian, SACLagrangian
 from jssa_gym.train.vector import ArmVecEnv, training_vector
@@ -36,7 +36,7 @@ def make_vec_env(config: TrainConfig) -> VecEnv:
     """The environments, stepped together."""
     if config.steps_as_vector:
         return ArmVecEnv(training_vector(config))
-    functions: list[Callable[[], gym.Env]] = [partial(monitored, make) for make in makers(config)]
+    functions: list[Callable[[], gym.Env]] = [partial(monitored, partial(training_env, config))] * config.envs
     if config.processes:
         try:
             return Processes(functions, start_method="spawn")
@@ -142,7 +142,7 @@ def _off_policy(
     try:
         import sb3_contrib
     except ImportError as error:
-        raise MissingExtraError(f"tqc needs sb3-contrib: {INSTALL}") from error
+        raise MissingExtraError(f"tqc needs sb3-contrib: {how_to_install('train')}") from error
     return sb3_contrib.TQC("MlpPolicy", env, **replay, **common)
 
 
@@ -173,10 +173,8 @@ def to_policy(model: BaseAlgorithm, config: TrainConfig, provenance: dict[str, A
         body, head, activation, output = "actor.mu.", None, "relu", "tanh"
     else:
         body, head, activation, output = "actor.latent_pi.", "actor.mu", "relu", "tanh"
-    names = [name.removesuffix(".weight") for name in state if name.startswith(body) and name.endswith(".weight")] + (
-        [head] if head else []
-    )
-    names = sorted(names[:-1], key=lambda name: int(name.rsplit(".", 1)[1])) + names[-1:] if head else names
+    hidden = [name.removesuffix(".weight") for name in state if name.startswith(body) and name.endswith(".weight")]
+    names = sorted(hidden, key=lambda name: int(name.rsplit(".", 1)[1])) + ([head] if head else [])
     layers = tuple((state[f"{name}.weight"], state[f"{name}.bias"]) for name in names)
     size = layers[0][0].shape[1]
     mean, std, norm = np.zeros(size), np.ones(size), model.get_vec_normalize_env()

@@ -18,11 +18,11 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from jssa_gym.evaluation.runner import evaluate
-from jssa_gym.exceptions import BlockedError, CheckpointError, MissingExtraError
+from jssa_gym.exceptions import BlockedError, CheckpointError, MissingExtraError, how_to_install
 from jssa_gym.policies.files import read_policy, save_policy
 from jssa_gym.policies.learned import LearnedPolicy
 from jssa_gym.train.checkpoint import Checkpoint, latest_checkpoint, write_checkpoint
-from jssa_gym.train.config import EVALUATION_SEED, INSTALL, TrainConfig
+from jssa_gym.train.config import EVALUATION_SEED, TrainConfig
 from jssa_gym.train.environment import control_env
 from jssa_gym.train.history import RECORD, EpisodeCounter, Leg, as_rows, from_rows, write_history, write_record
 from jssa_gym.train.learner import build, to_policy
@@ -171,7 +171,7 @@ def _logger(folder: Path) -> Logger:
     try:
         return configure(str(folder), ["tensorboard"])
     except (ImportError, AssertionError) as error:  # the latter is what Stable-Baselines3 says without it
-        raise MissingExtraError(f"training needs the extra 'train' ({error}): {INSTALL}") from error
+        raise MissingExtraError(f"training needs the extra 'train' ({error}): {how_to_install('train')}") from error
     except OSError as error:
         raise CheckpointError(f"cannot write to {folder}: {error.strerror or error}") from error
 
@@ -202,10 +202,9 @@ def learn_leg(
     model.set_random_seed(_seed(config.seed, number))
     model._last_obs = None  # the environments begin anew, as they would after an interruption
     end = min((number + 1) * config.interval, config.steps)
+    interval = 100 if isinstance(model, OffPolicyAlgorithm) else 1  # episodes, or updates
     begun, busy = time.monotonic(), time.process_time()
-    model.learn(
-        max(end - model.num_timesteps, 1), counter, reset_num_timesteps=False, log_interval=_log_interval(model)
-    )
+    model.learn(max(end - model.num_timesteps, 1), counter, reset_num_timesteps=False, log_interval=interval)
     seconds, processor_seconds = time.monotonic() - begun, time.process_time() - busy
     policy = to_policy(model, config)
     report = evaluate(partial(control_env, config), policy, config.eval_episodes, EVALUATION_SEED)
@@ -260,10 +259,6 @@ def _blocked(reason: str) -> str:
 def _seed(seed: int, leg: int) -> int:
     """The seed of a leg: nothing in common with its neighbours, below what evaluations use."""
     return int(np.random.SeedSequence([seed, leg]).generate_state(1)[0] % 1_000_000_000)
-
-
-def _log_interval(model: BaseAlgorithm) -> int:
-    return 100 if isinstance(model, OffPolicyAlgorithm) else 1  # episodes, or updates
 
 
 def _log(model: BaseAlgorithm, leg: Leg) -> None:

@@ -14,6 +14,7 @@ from jssa_gym.humans import Paced, make_human
 from jssa_gym.kernels.viability import jerk_box
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import Shield
+from jssa_gym.shields.wrappers import layer_of
 from jssa_gym.validation import low_high, share
 
 _ROUNDING = 1e-9
@@ -164,26 +165,17 @@ def _arm_of(env: gym.Env) -> ArmEnv:
 
 def _assumed_of(env: gym.Env) -> FailsafeParams | None:
     """What the verified stop of the shield among the wrappers assumes; None without one."""
-    shield = _layer(env, Shield)
+    shield = layer_of(env, Shield)
     return None if shield is None else shield.filter.failsafe
 
 
 def _sensor_of(env: gym.Env) -> SensorModel:
-    sensor = _layer(env, SensorModel)
+    sensor = layer_of(env, SensorModel)
     if sensor is None or not isinstance(sensor.faults, SensorFaults):
         raise InterfaceError(
             "latency is of a sensor with faults of its own: JSSAShield(SensorModel(env, {'latency': 0.0})) has one"
         )
     return sensor
-
-
-def _layer(env: gym.Env, kind: type) -> Any:
-    layer: Any = env
-    while isinstance(layer, gym.Wrapper):
-        if isinstance(layer, kind):
-            return layer
-        layer = layer.env
-    return None
 
 
 def _put_pace(arm: ArmEnv, paced: Paced, assumed: FailsafeParams | None) -> None:

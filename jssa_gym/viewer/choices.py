@@ -13,7 +13,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import SafetyFilter, Shield, make_filter, read_name
-from jssa_gym.shields.registry import TASK_SHIELD, WHOLE
+from jssa_gym.shields.registry import TASK_SHIELD
 from jssa_gym.validation import known_name, whole_number
 
 DRAGGED = "dragged"
@@ -58,10 +58,7 @@ class ShieldChoice:
     @property
     def whole(self) -> bool:
         """Whether viability box and verified stop are around it."""
-        if self.name == BARE:
-            return False
-        read = read_name(self.name)
-        return read.stop or read.filter in WHOLE
+        return self.name != BARE and read_name(self.name).guarded
 
     def changed(self, name: str, value: float) -> "ShieldChoice":
         """The same shield with another number."""

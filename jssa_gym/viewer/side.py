@@ -6,9 +6,11 @@ import numpy as np
 
 from jssa_gym.envs.arm import DT, MOVING, ArmEnv
 from jssa_gym.evaluation.policy import make_policy
-from jssa_gym.evaluation.rollout import Recorder, shield_of
+from jssa_gym.evaluation.rollout import Recorder
 from jssa_gym.humans import HumanMotion
 from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.shields import Shield
+from jssa_gym.shields.wrappers import layer_of
 from jssa_gym.types import Array, Status, Trace
 from jssa_gym.viewer.choices import Choices, ShieldChoice, numbers_of
 from jssa_gym.viewer.overlays import reachable, swept_stop
@@ -46,7 +48,7 @@ class Side:
         self.choices, self.shield, self.human = choices, shield, human
         self.base = ArmEnv(choices.task, human=human, robot=choices.robot, terminate_on=())
         self.env = shield.around(self.base)
-        inside = shield_of(self.env)
+        inside = layer_of(self.env, Shield)
         self.assumed: FailsafeParams | None = None if inside is None else inside.filter.failsafe
         """What the verified stop assumes; None without one."""
         self.numbers = {} if inside is None else numbers_of(inside.filter)

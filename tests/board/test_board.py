@@ -64,6 +64,7 @@ def board(folders, tmp_path_factory):
 def mine(tmp_path, monkeypatch):
     (tmp_path / "my_filters.py").write_text(MINE)
     monkeypatch.syspath_prepend(tmp_path)
+    sys.modules.pop("my_filters", None)  # of another test's file
     yield "my_filters"
     sys.modules.pop("my_filters", None)
 

@@ -14,7 +14,6 @@ from commands import cli, one_line
 from jssa_gym import plots
 from jssa_gym.cli import main, stopwatch
 from jssa_gym.cli.bench import Bench
-from jssa_gym.cli.files import write_json
 from jssa_gym.envs import TASKS
 from jssa_gym.evaluation import Summary
 from jssa_gym.evaluation.contenders import CONTENDERS, FAULTS
@@ -22,6 +21,7 @@ from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.exceptions import MissingExtraError
 from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.shields import FILTERS
+from jssa_gym.storage import write_json
 
 SHORT = ("demo", "--seconds", "0.4")
 

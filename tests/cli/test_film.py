@@ -95,7 +95,7 @@ def test_columns_have_a_divider_and_a_contact_a_red_frame(alone, shielded, robot
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     begin = int(np.flatnonzero(alone.contact)[0])
     one, other = (dataclasses.replace(trace, **cut(trace, begin - 5, begin + 5)) for trace in (alone, shielded))
-    frames = list(film([one, other], robot, d_min=0.05))
+    frames = list(film([one, other], robot))
     assert len(frames) == pictures([one, other]) == 2 + films.HOLD // films.EVERY
     first, last = frames[0], frames[-1]
     width, height = films.WIDTH, films.HEIGHT
@@ -135,7 +135,7 @@ def test_capsules_are_filmed_on_request(command, monkeypatch, tmp_path):
         asked.append(capsules)
         return film(traces, robot, capsules=capsules, **options)
 
-    monkeypatch.setattr(f"jssa_gym.cli.{command.__name__.lower()}.film", noted)
+    monkeypatch.setattr(films, "film", noted)
     if command is Demo:
         Demo(out=tmp_path, seconds=0.1, capsules=True).run()
     else:

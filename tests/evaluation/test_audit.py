@@ -14,8 +14,7 @@ from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.evaluation.audit import PersonTrack, RobotLog, audit, read_log, read_person
 from jssa_gym.evaluation.audit.motion import gaps_of, stretches
 from jssa_gym.evaluation.audit.page import page, verdict
-from jssa_gym.evaluation.audit.result import FIGURES
-from jssa_gym.evaluation.audit.safe import write_safe_trajectory
+from jssa_gym.evaluation.audit.result import FIGURES, write_safe_trajectory
 from jssa_gym.evaluation.audit.shadow import plan_of
 from jssa_gym.evaluation.geometry import geometry
 from jssa_gym.evaluation.metrics import SeparationParams, separation_margin, summarise

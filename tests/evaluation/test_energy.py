@@ -10,7 +10,7 @@ import pytest
 import jssa_gym
 from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.evaluation import geometry, rollout, summarise
-from jssa_gym.evaluation.inertia import Inertia
+from jssa_gym.evaluation.oracle import Inertia
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import ChasePolicy, RandomPolicy
 from jssa_gym.robots import ROBOTS, make_robot

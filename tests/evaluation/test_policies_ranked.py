@@ -11,9 +11,9 @@ import jssa_gym
 from jssa_gym.cli.compare import Compare
 from jssa_gym.evaluation import Report, Study
 from jssa_gym.evaluation.comparison_page import page
+from jssa_gym.evaluation.definitions import WORDS, in_words
 from jssa_gym.evaluation.report import METRICS
 from jssa_gym.evaluation.standings import policy_standings
-from jssa_gym.evaluation.wording import WORDS, in_words
 
 
 @pytest.fixture(scope="module")

@@ -122,6 +122,20 @@ def test_a_bootstrap_is_scipys_of_the_same_draws(statistic, confidence):
     assert ours == pytest.approx((theirs.low, theirs.high), rel=1e-12)
 
 
+@pytest.mark.parametrize("confidence", [0.5, 0.95])
+def test_a_bootstrap_is_quantiles_of_resamples(confidence):
+    values, rng = np.random.default_rng(1).exponential(size=37), np.random.default_rng(7)
+    drawn = [np.median(values[rng.integers(37, size=37)]) for _ in range(500)]
+    tail = (1.0 - confidence) / 2.0
+    ours = bootstrap_interval(values, np.median, 7, confidence=confidence, resamples=500)
+    assert ours == pytest.approx(np.quantile(drawn, [tail, 1.0 - tail]), rel=1e-12)
+
+
+@pytest.mark.parametrize("values", [[7.0], [7.0, 7.0], np.full((5, 2), 7.0)])
+def test_a_bootstrap_of_what_is_always_the_same_has_no_width(values):
+    assert bootstrap_interval(values, np.mean, 0, resamples=20) == (7.0, 7.0)
+
+
 def test_a_bootstrap_takes_whole_rows():
     rows = np.random.default_rng(0).normal(size=(50, 1)) + np.array([0.0, 10.0])
     low, high = bootstrap_interval(rows, lambda r: np.mean(r[:, 1] - r[:, 0]), 0, resamples=50)

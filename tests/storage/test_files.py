@@ -19,7 +19,7 @@ import jssa_gym
 from jssa_gym import plots, storage
 from jssa_gym.certificate.chunks import ChunkFile
 from jssa_gym.cli import main
-from jssa_gym.cli.files import write_figure, write_json
+from jssa_gym.cli.files import write_figure
 from jssa_gym.evaluation import load_trace
 from jssa_gym.evaluation.ledger import Ledger
 from jssa_gym.evaluation.report import write_reports
@@ -51,6 +51,7 @@ from jssa_gym.storage import (
     whole_file,
     whole_lines,
     write_archive,
+    write_json,
     write_sealed,
     write_whole,
 )

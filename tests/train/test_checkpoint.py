@@ -180,7 +180,7 @@ def full(*arguments, **more):
 DISK = {
     "parameters": (torch, "save"),
     "arrays": (state, "write_archive"),
-    "manifest": (checkpoint, "write_whole"),
+    "manifest": (checkpoint, "write_json"),
     "rename": (Path, "replace"),
     "folder": (Path, "mkdir"),
     "policy": (loop, "save_policy"),

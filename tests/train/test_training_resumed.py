@@ -167,7 +167,7 @@ def told(write):
         time.sleep(slow)
         return write(path, *content)
     return writing
-checkpoint.whole_file, checkpoint.write_whole = told(checkpoint.whole_file), told(checkpoint.write_whole)
+checkpoint.whole_file, checkpoint.write_json = told(checkpoint.whole_file), told(checkpoint.write_json)
 checkpoint._to_disk = told(checkpoint._to_disk)
 say = lambda line: print("said", line, flush=True)
 train(config, folder, say=say, watch=lambda steps: print("at", steps, flush=True))

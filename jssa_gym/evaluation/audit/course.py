@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.envs.surroundings import Surroundings
-from jssa_gym.evaluation.trace import LATER, trace_of
+from jssa_gym.evaluation.trace import LATER, beginning, trace_of
 from jssa_gym.kernels.motion import violates
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Decision, Planes, Status, Trace
@@ -72,24 +72,11 @@ def traced(
     """
     around, bounds = Surroundings(robot, len(people.names)), robot.limits.bounds()
     once = {
+        **beginning(robot, of.states[0], people.at(ends[0], ends[0], dt), planes),
         "name": name,
         "dt": dt,
-        "robot": robot.name,
-        "dynamics": "kinematic",
-        "task": "",
-        "holds": False,
         "d_min": D_MIN,
         "ended": "truncated",
-        "mount": np.array(robot.mount),
-        "initial_state": np.array(of.states[0]),
-        "initial_human": np.array(ends[0]),
-        "human_radius": people.radius,
-        "human_person": people.person,
-        "human_names": people.names,
-        "plane_normal": planes.normal,
-        "plane_offset": planes.offset,
-        "plane_names": planes.names,
-        "goal": np.zeros((len(of.jerk), 0)),
     }
     rows = []
     for k, (jerk, nominal) in enumerate(zip(of.jerk, of.nominal, strict=True)):
@@ -107,8 +94,6 @@ def traced(
                 "acceleration": state[2],
                 "jerk": jerk,
                 "nominal": nominal,
-                "reward": 0.0,
-                "success": False,
                 "limit_violation": violates(state, jerk, bounds, _ROUNDING),
                 "distance": closest.distance,
                 "speed": closest.rate,
@@ -116,24 +101,12 @@ def traced(
                 "pair": (closest.robot, closest.human),
                 "contact": closest.distance <= 0.0,
                 "contact_speed": closest.contact_speed,
-                "shield_time": np.nan,
                 "human_start": ends[k + 1, 0],
                 "human_end": ends[k + 1, 1],
-                **(_UNTOLD if of.decisions is None else _told(of.decisions[k], jerk, nominal, robot)),
+                **({} if of.decisions is None else _told(of.decisions[k], jerk, nominal, robot)),
             }
         )
     return trace_of(once, rows)
-
-
-_UNTOLD: dict[str, Any] = {
-    "status": int(Status.NOMINAL),
-    "reason": "",
-    "intervened": False,
-    "correction": np.nan,
-    "phi": np.nan,
-    "slack": np.nan,
-}
-"""Of a motion without a shield."""
 
 
 def _told(decision: Decision, jerk: Array, nominal: Array, robot: RobotModel) -> dict[str, Any]:

@@ -167,12 +167,9 @@ def _read_npz(path: Path, n: int) -> RobotLog:
         missing = [name for name in ("time", "position") if name not in there]
         if missing:
             raise LogError(f"misses {', '.join(missing)}; a log has time, position, and maybe velocity, acceleration")
-        found = {
-            name: read_array(archive, name)
-            for name in ("time", "position", "velocity", "acceleration")
-            if name in there
-        }
-    return RobotLog(found["time"], found["position"], found.get("velocity"), found.get("acceleration"))
+        names = [name for name in ("time", "position", "velocity", "acceleration") if name in there]
+        found: dict[str, Any] = {name: read_array(archive, name) for name in names}
+    return RobotLog(**found)
 
 
 _WHAT = {"pos": "position", "vel": "velocity", "acc": "acceleration"}

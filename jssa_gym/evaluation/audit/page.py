@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jssa_gym.evaluation.audit.result import FIGURES, Audit, AuditedStretch, ClosestApproach
+from jssa_gym.evaluation.audit.result import FIGURES, Audit, AuditedStretch
 from jssa_gym.evaluation.report import METRICS
 from jssa_gym.evaluation.svg import Markup, Panel, document, figure, note, rows_of, tag
 from jssa_gym.text import counted
@@ -29,6 +29,17 @@ _RULES = (
     "those of these curves: noise of the positions of size e makes accelerations wrong by about e / dt², and "
     "jerks by e / dt³."
 )
+
+
+_CLOSEST = (
+    ("time", " [s]", "Of the closest approach, by the log's clock."),
+    ("distance", " [m]", ""),
+    ("speed", " [m/s]", "Of the arm's nearest point then."),
+    ("approach", " [m/s]", "Rate at which the distance falls then."),
+    ("robot", "", "Capsule of the arm."),
+    ("human", "", "Body part."),
+)
+"""What is told of the closest approach: field, unit, and what it is."""
 
 
 def page(audit: Audit, command: str) -> str:
@@ -80,21 +91,9 @@ def _figures(audit: Audit) -> Markup:
     for name in FIGURES:
         unit = units[name].unit
         rows.append([f"{name} [{unit}]" if unit else name, units[name].text, _told(logged[name]), _told(safe[name])])
-    for what in ("time", "distance", "speed", "approach", "robot", "human"):
-        unit = {"time": " [s]", "distance": " [m]", "speed": " [m/s]", "approach": " [m/s]"}.get(what, "")
-        text = {
-            "time": "Of the closest approach, by the log's clock.",
-            "robot": "Capsule of the arm.",
-            "human": "Body part.",
-            "speed": "Of the arm's nearest point then.",
-            "approach": "Rate at which the distance falls then.",
-        }.get(what, "")
-        rows.append([f"closest {what}{unit}", text, *(_part(audit.closest(k), what) for k in (0, 1))])
+    for what, unit, text in _CLOSEST:
+        rows.append([f"closest {what}{unit}", text, *(_told(getattr(audit.closest(k), what, None)) for k in (0, 1))])
     return rows_of(["", "what it is", "as logged", "with the shield"], rows, text=2, kind="text long")
-
-
-def _part(closest: ClosestApproach | None, what: str) -> str:
-    return "-" if closest is None else _told(getattr(closest, what))
 
 
 def _told(value: Any) -> str:

@@ -1,9 +1,10 @@
-"""What an audit finds."""
+"""What an audit finds, and the safe trajectory as a table."""
 
-import dataclasses
-import math
+import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from jssa_gym.evaluation.audit.motion import Gap
 from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.spans import spans
 from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.storage import plain, write_whole
 from jssa_gym.types import Array, Status, Trace
 
 _APART = 0.2
@@ -157,21 +159,21 @@ class Audit:
         logged, safe = self.totals()
         told = {
             "log": self.log,
-            "people": list(self.people),
+            "people": self.people,
             "robot": self.robot,
             "filter": self.filter,
-            "assumed": dataclasses.asdict(self.assumed),
+            "assumed": self.assumed,
             "dt": self.dt,
             "duration": self.duration,
-            "gaps": [one._asdict() for one in self.gaps],
+            "gaps": self.gaps,
             "would_intervene": bool(self.interventions),
-            "interventions": [dataclasses.asdict(one) for one in self.interventions],
+            "interventions": self.interventions,
             "intervention_time": self.held,
             "lateness": self.lateness,
             "logged": logged,
             "with_shield": safe,
-            "closest_logged": (one := self.closest(0)) and dataclasses.asdict(one),
-            "closest_with_shield": (one := self.closest(1)) and dataclasses.asdict(one),
+            "closest_logged": self.closest(0),
+            "closest_with_shield": self.closest(1),
             "stretches": [
                 {
                     "start": float(one.time[0] - self.dt),
@@ -184,7 +186,7 @@ class Audit:
                 for one in self.stretches
             ],
         }
-        return _finite(told)
+        return plain(told)
 
 
 def _figures(summary: Summary) -> dict[str, float | bool | None]:
@@ -214,11 +216,30 @@ def _together(summaries: Sequence[Summary]) -> dict[str, float | bool | None]:
     return found
 
 
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+def write_safe_trajectory(path: Path, audit: Audit) -> None:
+    """Write the motion that the shield would have made, a row a control step; ``jssa-gym audit`` can read it again.
+
+    Numbers are written so that they are read as they were, to the bit. Stretches follow one another; their gaps are
+    gaps of the table.
+
+    Args:
+        path: Of the ``.csv`` file; it is replaced.
+        audit: Whose.
+
+    Raises:
+        StorageError: The file cannot be written.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    joints = range(1, audit.stretches[0].safe.position.shape[1] + 1)
+    what = ("position", "velocity", "acceleration")
+    writer.writerow(["time", *(f"q{j}.{one}" for one in what for j in joints), "status", "reason", "distance", "late"])
+    for stretch in audit.stretches:
+        safe = stretch.safe
+        first = (float(stretch.time[0] - safe.dt), *safe.initial_state.ravel().tolist(), "", "", "", 0.0)
+        writer.writerow(first)
+        for k, time in enumerate(stretch.time.tolist()):
+            state = [float(x) for name in what for x in getattr(safe, name)[k]]
+            told = (Status(int(safe.status[k])).name, str(safe.reason[k]), float(safe.distance[k]))
+            writer.writerow((time, *state, *told, float(stretch.lateness[k])))
+    write_whole(path, text.getvalue())

@@ -22,7 +22,6 @@ from jssa_gym.perception.files import capsules_of, holds_keypoints, read_keypoin
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import SafetyFilter, make_filter, read_name
-from jssa_gym.shields.registry import WHOLE
 from jssa_gym.types import Array, Planes, Trace
 from jssa_gym.validation import positive_number
 
@@ -116,19 +115,14 @@ def audit(
         np.concatenate([np.zeros(0), *(one.radius for one in recordings)]),
         np.repeat(np.arange(len(recordings)), [len(one.names) for one in recordings]).astype(np.int64),
     )
-    chosen = _filter(filter, robot, dt, assumed)
+    guarded = read_name(filter).guarded
+    chosen = make_filter(filter, robot, dt, viability=guarded, failsafe=assumed if guarded else None)
     separation = SeparationParams() if separation is None else separation
     judged = [_judged(one, robot, chosen, bystanders, planes, separation) for one in found]
     files = tuple(person.name for person in people)
     return Audit(
         name, files, robot.name, filter, assumed, dt, tuple(sorted(gaps, key=lambda g: g.start)), tuple(judged)
     )
-
-
-def _filter(name: str, robot: RobotModel, dt: float, assumed: FailsafeParams) -> SafetyFilter:
-    bare, stop = read_name(name)
-    guarded = stop or bare in WHOLE
-    return make_filter(name, robot, dt, viability=guarded, failsafe=assumed if guarded else None)
 
 
 def _judged(

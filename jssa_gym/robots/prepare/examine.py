@@ -27,19 +27,20 @@ class Preparation:
     """What the user has decided about a file."""
 
     freeze: tuple[str, ...] = ()
-    """Joints that may be frozen, by name; ``all`` for whatever has to be."""
+    """Joints that may stand still, by name, with all that refers to them; 'all' for whatever has to."""
     keep: tuple[str, ...] = ()
-    """Hinges that look like jaws and are none."""
+    """Hinges that look like jaws and are joints of the arm."""
     uncovered: tuple[str, ...] = ()
-    """Links, by body or joint, that get no capsules: nothing is promised about them."""
+    """Links, by body or joint, that get no capsules: nothing is measured there, and nothing promised."""
     tip: str | None = None
     """Body that the arm leads to, where several arms branch off."""
     tool: str | None = None
     """Site or body at the tool centre point."""
     home: tuple[float, ...] | None = None
-    """Home posture [rad]."""
+    """Home posture, one number a joint [rad]; None for the file's keyframe, or one that is looked for."""
     limits: Path | None = None
-    """Table of limits; None for the one beside the file, or a guess."""
+    """Table of velocity, acceleration and jerk limits, TOML; None for the one beside the file, or a guess that says
+    so."""
     units_checked: bool = False
     """Whether lengths, ranges and velocities that look like another unit's are right."""
     packages: Mapping[str, Path] = field(default_factory=dict)
