@@ -128,7 +128,7 @@ def whole_number(name: str, value: Any) -> int:
     return int(value)
 
 
-def check_fields(instance: Any, names: Iterable[str], check: Callable[..., Any], *bounds: float) -> None:
+def check_fields(instance: Any, names: Iterable[str], check: Callable[..., Any], *bounds: Any) -> None:
     """Check fields of a frozen dataclass, and keep what the check makes of each: JSON holds no numbers of numpy.
 
     Args:
