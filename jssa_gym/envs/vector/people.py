@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.envs.surroundings import capsules_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Nobody, Paced, Recorded, Steered, make_human, nobody
 from jssa_gym.humans.hand import Gesturer
@@ -91,7 +92,7 @@ class OneByOne(Beside):
 
     def step(self, live: Mask, dt: Array, segments: NDArray[Any], names: tuple[str, ...]) -> None:
         for e in np.flatnonzero(live):
-            robot = _capsules(segments[e], names) if segments.shape[1] else nobody()
+            robot = capsules_of(segments[e], names) if segments.shape[1] else nobody()
             people = self._motions[e].step(float(dt[e]), robot)
             self.ends[e], self.radius[e] = people[:4], people.radius
 
@@ -104,7 +105,7 @@ class Compiled(Beside, ABC):
     """
 
     layout: ClassVar[np.dtype[Any]]
-    """Of what is known of each arm's people."""
+    """Layout of what is known of each arm's people."""
 
     def __init__(self, motion: HumanMotion, count: int, parts: int) -> None:
         super().__init__(motion, count, parts)
@@ -291,11 +292,3 @@ def _in_python(motion: HumanMotion) -> bool:
     if isinstance(motion, Paced):
         return _in_python(motion.motion)
     return not isinstance(motion, (Nobody, Recorded, Walker, Gesturer))
-
-
-def _capsules(segments: NDArray[Any], names: tuple[str, ...]) -> CapsuleSet:
-    """An arm's capsules as reacting people see them; as of ``Surroundings.robot_capsules``."""
-    ends: list[Array] = [
-        segments[field].copy() for field in ("start", "end", "start_velocity", "end_velocity", "radius")
-    ]
-    return CapsuleSet(*ends, names, np.zeros(len(segments), np.int64))
