@@ -3,7 +3,7 @@
 BLUE, RED, GREEN, ORANGE, PINK, SKY = "#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9"
 GREY, BLACK = "#666666", "#000000"
 CONTACT = "#D62728"
-"""Of what must not be missed, and of nothing else."""
+"""Colour of what must not be missed, and of nothing else."""
 
 COLOURS = (BLUE, RED, GREEN, ORANGE, PINK, SKY, GREY, BLACK)
 """In an order in which neighbours differ in lightness too."""

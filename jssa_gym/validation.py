@@ -17,12 +17,9 @@ def positive_number(name: str, value: Any) -> float:
     Raises:
         ParameterError: It is something else.
     """
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < math.inf:
         raise ParameterError(f"{name} has to be a positive number, got {value!r}")
-    number = float(value)
-    if not (math.isfinite(number) and number > 0.0):
-        raise ParameterError(f"{name} has to be a positive number, got {value!r}")
-    return number
+    return float(value)
 
 
 def real_array(name: str, value: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
@@ -128,7 +125,7 @@ def whole_number(name: str, value: Any) -> int:
     return int(value)
 
 
-def check_fields(instance: Any, names: Iterable[str], check: Callable[..., Any], *bounds: float) -> None:
+def check_fields(instance: Any, names: Iterable[str], check: Callable[..., Any], *bounds: Any) -> None:
     """Check fields of a frozen dataclass, and keep what the check makes of each: JSON holds no numbers of numpy.
 
     Args:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jssa_gym import robots
 from jssa_gym.certificate.boundary import KEPT, Boundary, BoundaryState, Domain
 from jssa_gym.certificate.census import Census, Part, Shares, approach_bound, largest_part, mark, shares
 from jssa_gym.certificate.chunks import ChunkFile, Key, StateChunk, generator, run
@@ -126,7 +127,7 @@ def moved_capsules(robot: RobotModel) -> tuple[str, ...]:
 
 
 def certify(
-    robot: str | Path | RobotModel = "lr_mate_200id_7l",
+    robot: str | Path | RobotModel = robots.DEFAULT,
     index: IndexParams | None = None,
     *,
     domain: Domain | None = None,

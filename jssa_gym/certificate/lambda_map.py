@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jssa_gym import robots
 from jssa_gym.certificate.boundary import Boundary, Domain
 from jssa_gym.certificate.census import Census
 from jssa_gym.certificate.certify import moved_capsules
@@ -81,7 +82,7 @@ class LambdaMap:
 
 
 def sweep(
-    robot: str | Path | RobotModel = "lr_mate_200id_7l",
+    robot: str | Path | RobotModel = robots.DEFAULT,
     *,
     lambda1: tuple[float, float] = (0.5, 8.0),
     lambda2: tuple[float, float] = (0.05, 8.0),

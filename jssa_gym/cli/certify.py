@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
-from jssa_gym import plots
+from jssa_gym import plots, robots
 from jssa_gym.certificate.boundary import KEPT, Domain
 from jssa_gym.certificate.census import Part
 from jssa_gym.certificate.certify import Certificate, certify
@@ -43,7 +43,7 @@ class Certify:
     """Of the index [m·s²]."""
     d_min: float = DEFAULT.d_min
     """Margin of the index [m]."""
-    robot: str = "lr_mate_200id_7l"
+    robot: str = robots.DEFAULT
     """Name of a robot, an MJCF file with its limits beside it, or a folder of jssa-gym robot check --write."""
     capsules: tuple[str, ...] = ()
     """Of the robot; all that more than one joint moves if there is none."""

@@ -29,7 +29,7 @@ TIP_BRAKING, TURN_BRAKING = 1.0, 3.0
 """Deceleration that a tool counts on before a commanded pose [m/s², rad/s²]."""
 
 DAMPING = 0.05
-"""Of the resolved rates [m]."""
+"""Damping of the resolved rates [m]."""
 
 _FLOAT64 = np.dtype(np.float64)
 

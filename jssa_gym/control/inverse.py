@@ -18,7 +18,7 @@ PRECISION = 1e-5
 """Distance of the tool centre point from its target that counts as reached [m]."""
 
 _DAMPING = 0.03
-"""Of the inverse [m]; the last steps go without."""
+"""Damping of the inverse [m]; the last steps go without."""
 
 _STEPS = 60
 _STRIDE = 0.3

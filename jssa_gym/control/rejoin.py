@@ -25,7 +25,7 @@ _LEADS = (1.0, 0.7, 0.4)
 """How far ahead on the path it ends, as a share of its own time: less where the arm has to gather speed."""
 
 _SHARES = (0.7, 1.0)
-"""Of the jerk limits that it may use: as much as other plans if possible."""
+"""Shares of the jerk limits that it may use: as much as other plans if possible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from jssa_gym import robots
 from jssa_gym.envs.drawing import Marks, goal_points
 from jssa_gym.envs.goals import GOAL_TERMS, Goals
 from jssa_gym.envs.observation import MOST_PEOPLE, Observation, arm_features, bodies, body_features
@@ -17,7 +18,7 @@ from jssa_gym.envs.options import check_arguments, checked_options, checked_step
 from jssa_gym.envs.surroundings import Closest, Surroundings
 from jssa_gym.envs.tasks import COMMON_TERMS, Moment, Progress, Task, make_task
 from jssa_gym.envs.view import live_camera
-from jssa_gym.envs.world import SCENES, World, planes_of
+from jssa_gym.envs.world import World, placed, planes_of
 from jssa_gym.exceptions import InvalidActionError, ParameterError
 from jssa_gym.headless import has_display
 from jssa_gym.humans import Given, make_human, nobody
@@ -198,7 +199,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
         human: Given | Sequence[Given] | None = None,
         dynamics: Literal["kinematic", "servo"] = "kinematic",
         scene: Literal["table", "floor"] = "table",
-        robot: str | Path | RobotModel = "lr_mate_200id_7l",
+        robot: str | Path | RobotModel = robots.DEFAULT,
         terminate_on: Sequence[str] = ("success", "moving_contact"),
         d_min: float = 0.05,
         dt: float = DT,
@@ -212,11 +213,7 @@ class ArmEnv(gym.Env[Any, NDArray[np.float32]]):
         announce_compilation(move, beside=walking_parts)
         self.planes = planes_of(scene)
         self.task = make_task(task)
-        self.robot = make_robot(robot)
-        mount = np.array([0.0, 0.0, SCENES[scene]])
-        if np.any(self.robot.mount != 0.0) and np.any(self.robot.mount != mount):
-            raise ParameterError(f"the robot is mounted at {self.robot.mount}, scene {scene!r} puts it at {mount}")
-        self.robot = self.robot.mounted(mount)
+        self.robot = placed(make_robot(robot), scene)
         if min(clearances(self.robot, self.robot.home, self.planes)) <= 0.0:
             told = nearest(self.robot, self.robot.home, self.planes)
             _logger.warning("%s cannot move from home under a shield: %s", self.robot.name, told)

@@ -18,7 +18,7 @@ _NEAREST = 0.1
 """No ball is nearer to the eye [m]."""
 
 ELEVATION = -12.0
-"""Of cameras unless told otherwise: a little from above [degrees]."""
+"""Elevation of cameras unless told otherwise: a little from above [degrees]."""
 
 _SIDES = tuple(range(0, 360, 15))
 """Directions that a camera may be chosen from [degrees]."""

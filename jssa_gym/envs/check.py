@@ -7,7 +7,7 @@ from typing import Any, Literal
 import gymnasium as gym
 import numpy as np
 
-from jssa_gym.envs.deviation import count, largest
+from jssa_gym.envs.deviation import largest
 from jssa_gym.envs.diagnosis import Motion
 from jssa_gym.envs.probe import Run, difference, drive, probing_jerks
 from jssa_gym.envs.scenery import scene_troubles
@@ -15,6 +15,7 @@ from jssa_gym.exceptions import InterfaceError, ParameterError
 from jssa_gym.kernels.motion import violates
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.text import counted
 from jssa_gym.types import Array
 from jssa_gym.validation import positive_integer, whole_number
 
@@ -152,7 +153,7 @@ def _findings(env: gym.Env, params: FailsafeParams, ticks: int, seed: int) -> It
         yield Finding(
             "short",
             "warning",
-            f"the episode ended after {count(len(first.scenes) - 1, 'step')}: too early to see much",
+            f"the episode ended after {counted(len(first.scenes) - 1, 'step')}: too early to see much",
         )
 
 

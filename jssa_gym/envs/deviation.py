@@ -3,7 +3,7 @@
 import numpy as np
 
 from jssa_gym.robots import RobotModel
-from jssa_gym.types import Array
+from jssa_gym.types import Array, JointState
 
 _MEMORY = 0.5
 """Correlation of successive deviations from which they add up."""
@@ -14,7 +14,7 @@ _CHANCE = 0.1
 _UNIT = 1e-6
 """Share by which a factor may differ from one of units."""
 
-ROWS = ("position", "velocity", "acceleration")
+ROWS = JointState._fields
 UNITS = ("rad", "rad/s", "rad/s²")
 _BOUNDS = ("its range", "its limit", "its limit")
 
@@ -67,8 +67,3 @@ def degrees(factor: Array) -> str:
     if np.all(np.abs(np.degrees(factor) - 1.0) < _UNIT):
         return "radians taken for degrees? they are expected as they are"
     return ""
-
-
-def count(number: int, noun: str) -> str:
-    """A number of things."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jssa_gym.envs.deviation import ROWS, count, degrees, is_noise, largest, rounded_up
+from jssa_gym.envs.deviation import ROWS, degrees, is_noise, largest, rounded_up
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.robots import RobotModel
+from jssa_gym.text import counted
 from jssa_gym.types import Array
 
 EXACT = 1e-12
@@ -54,11 +55,9 @@ class Motion:
     """
 
     def __init__(self, robot: RobotModel, dt: float, actions: Array, states: Array, tolerance: Array) -> None:
-        limits = robot.limits
-        low, high = limits.position.T
         self.dt, self.actions, self.states = dt, actions, states
-        self._bound, self._robot = np.array(limits.jerk), robot
-        self._limit = np.array([high - low, limits.velocity, limits.acceleration])
+        self._bound, self._robot = np.array(robot.limits.jerk), robot
+        self._limit = robot.limits.state_scale
         self._allowed = tolerance + _ALIKE * self._limit
         self._measured = tolerance < np.inf
         self._scale = np.where(self._measured, self._limit, np.inf)  # no deviation is any share of that
@@ -112,16 +111,17 @@ class Motion:
                 return
             ages.append(k - same[-1])
         lag, old = max(ages), int(np.count_nonzero(ages))
+        late = counted(lag, "tick")
         if ages == [min(k, lag) for k in range(len(ages))]:
             yield Diagnosis(
                 "lag",
-                f"scene.robot lags by {count(lag, 'tick')}, or actions are applied {count(lag, 'tick')} late: it has "
-                "to be the state after the step, with the step's own action applied",
+                f"scene.robot lags by {late}, or actions are applied {late} late: it has to be the state after the "
+                "step, with the step's own action applied",
             )
         yield Diagnosis(
             "stale",
-            f"scene.robot is of an earlier tick at {old} of {len(ages) - 1} ticks, up to {count(lag, 'tick')} old: it "
-            "has to be the state after every step",
+            f"scene.robot is of an earlier tick at {old} of {len(ages) - 1} ticks, up to {late} old: it has to be the "
+            "state after every step",
         )
 
     def _euler(self) -> Iterator[Diagnosis]:

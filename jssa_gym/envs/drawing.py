@@ -10,6 +10,7 @@ from jssa_gym.envs import figures
 from jssa_gym.envs.camera import Camera, hides
 from jssa_gym.envs.figures import Rounded
 from jssa_gym.envs.surroundings import posed
+from jssa_gym.humans.body import some_of
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet
 
@@ -85,9 +86,7 @@ def solids(camera: Camera, arm: Array, people: CapsuleSet, marks: Marks, floor: 
 
 def member(people: CapsuleSet, who: int) -> CapsuleSet:
     """One person out of several."""
-    own = np.flatnonzero(people.person == who)
-    arrays = (array[own] for array in people[:5])
-    return CapsuleSet(*arrays, tuple(people.names[k] for k in own), people.person[own])
+    return some_of(people, people.person == who)
 
 
 def add_to(scene: "mujoco.MjvScene", drawn: Iterable[Rounded]) -> None:

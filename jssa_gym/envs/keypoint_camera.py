@@ -46,7 +46,7 @@ class CameraSettings:
     skeleton: str = "coco17"
     """Name in :data:`jssa_gym.perception.SKELETONS`."""
     body: str = "six"
-    """Of the people reported (:meth:`jssa_gym.perception.KeypointTable.body`): ``"six"`` are the environments' own."""
+    """Body that is reported (:meth:`jssa_gym.perception.KeypointTable.body`): ``"six"`` are the environments' own."""
     position_error: float = 0.03
     """What the reported capsules keep to [m], at least ``noise``."""
     max_age: float = 0.4

@@ -100,7 +100,6 @@ def _checked_position(position: Any, robot: RobotModel) -> Array:
     if position is None:
         return np.array(robot.home)
     array = real_array("joint_position", position, (robot.n,), "a joint position [rad]")
-    low, high = robot.limits.position.T
-    if not np.all((low <= array) & (array <= high)):
+    if not robot.limits.contain(array):
         raise ParameterError(f"joint_position has to lie inside the position limits, got {position!r}")
     return array

@@ -21,8 +21,7 @@ class Proprioception:
     """
 
     def __init__(self, faults: SensorFaults, limits: JointLimits) -> None:
-        low, high = limits.position.T
-        self._faults, self._scale = faults, np.array([high - low, limits.velocity, limits.acceleration])
+        self._faults, self._scale = faults, limits.state_scale
         self.rng: np.random.Generator | None = None
 
     def reset(self, first: Scene | None, rng: np.random.Generator) -> None:

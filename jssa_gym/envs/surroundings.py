@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.motion import violates
@@ -158,16 +159,13 @@ class Surroundings:
     @property
     def robot_capsules(self) -> CapsuleSet:
         """The arm's capsules in the world, with velocities; copies."""
-        segments = self.seen.segments
-        return CapsuleSet(
-            segments["start"].copy(),
-            segments["end"].copy(),
-            segments["start_velocity"].copy(),
-            segments["end_velocity"].copy(),
-            segments["radius"].copy(),
-            self._robot.capsule_names,
-            np.zeros(len(segments), np.int64),
-        )
+        return capsules_of(self.seen.segments, self._robot.capsule_names)
+
+
+def capsules_of(segments: NDArray[Any], names: tuple[str, ...]) -> CapsuleSet:
+    """An arm's capsules in the world, with velocities, from records of ``SEGMENT``; copies."""
+    ends = (segments[field].copy() for field in CapsuleSet._fields[:5])
+    return CapsuleSet(*ends, names, np.zeros(len(segments), np.int64))
 
 
 def posed(robot: RobotModel, position: Array, people: CapsuleSet | None = None) -> Surroundings:

@@ -9,6 +9,7 @@ from jssa_gym.envs.camera import ELEVATION, Camera, balls_of, chosen, framing
 from jssa_gym.envs.drawing import goal_points
 from jssa_gym.envs.surroundings import posed
 from jssa_gym.humans import HumanMotion
+from jssa_gym.humans.body import some_of
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.postures import reach_of
 from jssa_gym.types import CapsuleSet, Trace
@@ -20,7 +21,7 @@ _SHARE = 0.75
 """Share of its reach that the arm, live, is expected to use."""
 
 _AZIMUTH = 98.0
-"""Of the live camera, which does not know yet where people will be closest [degrees]."""
+"""Azimuth of the live camera, which does not know yet where people will be closest [degrees]."""
 
 _REHEARSALS, _SECONDS, _STEP = 4, 8.0, 0.04
 _LOOKS = 40
@@ -90,6 +91,4 @@ def around(robot: RobotModel, people: CapsuleSet, beyond: float = _AROUND) -> Ca
     """Those who have a part no further ``beyond`` the arm's reach than that [m], as a whole."""
     middle = (people.start + people.end)[:, :2] / 2.0 - robot.mount[:2]
     near = np.hypot(*middle.T) < reach_of(robot) + beyond
-    kept = np.isin(people.person, people.person[near])
-    arrays = (array[kept] for array in people[:5])
-    return CapsuleSet(*arrays, tuple(np.array(people.names)[kept].tolist()), people.person[kept])
+    return some_of(people, np.isin(people.person, people.person[near]))

@@ -25,7 +25,7 @@ _LATE = 0.1
 """By how much the window may be late and still catch up [s]."""
 
 _LONGEST = 0.04
-"""Of moments that come too late one is drawn so often [s]."""
+"""How often one of the moments that come too late is drawn [s]."""
 
 _SAID = re.compile(r"b[\'\"](.*)[\'\"]")
 """What GLFW says, in its warning."""

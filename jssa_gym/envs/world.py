@@ -11,7 +11,7 @@ from jssa_gym.envs.figures import Rounded
 from jssa_gym.envs.opengl import open_renderer
 from jssa_gym.envs.stage import decorate
 from jssa_gym.envs.window import Window
-from jssa_gym.exceptions import DisplayError, RobotModelError
+from jssa_gym.exceptions import DisplayError, ParameterError, RobotModelError
 from jssa_gym.headless import choose_gl_backend
 from jssa_gym.robots import RobotModel
 from jssa_gym.robots.mjcf import COLLISION_GROUP
@@ -42,6 +42,18 @@ def planes_of(scene: str) -> Planes:
     """
     known_name("scene", scene, SCENES)
     return Planes(np.array([[0.0, 0.0, 1.0]]), np.array([SCENES[scene]]), (scene,))
+
+
+def placed(robot: RobotModel, scene: str) -> RobotModel:
+    """A robot where it stands in a scene of :data:`SCENES`.
+
+    Raises:
+        ParameterError: There is no such scene, or the robot is mounted elsewhere.
+    """
+    mount = np.array([0.0, 0.0, SCENES[known_name("scene", scene, SCENES)]])
+    if np.any(robot.mount != 0.0) and np.any(robot.mount != mount):
+        raise ParameterError(f"the robot is mounted at {robot.mount}, scene {scene!r} puts it at {mount}")
+    return robot.mounted(mount)
 
 
 class World:

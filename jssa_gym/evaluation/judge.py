@@ -132,7 +132,7 @@ def _motion(trace: Trace, limits: JointLimits, substeps: int) -> _Motion:
     q, v, a = (before[:, None, i] for i in range(3))
     t, u = (dt * fraction)[:, None], trace.jerk[:, None]
     state = np.stack([q + t * v + t**2 / 2.0 * a + t**3 / 6.0 * u, v + t * a + t**2 / 2.0 * u, a + t * u], axis=2)
-    scale = np.array([limits.position[:, 1] - limits.position[:, 0], limits.velocity, limits.acceleration])
+    scale = limits.state_scale
     error = float((np.abs(state[:, -1] - recorded) / scale).max())
     state[:, -1] = recorded
 

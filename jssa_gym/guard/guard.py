@@ -8,11 +8,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from jssa_gym import robots
 from jssa_gym.control.commands import Command
 from jssa_gym.control.follower import Follower
 from jssa_gym.control.path import pace_of
 from jssa_gym.envs.options import LONGEST, SHORTEST
-from jssa_gym.envs.world import SCENES, planes_of
+from jssa_gym.envs.world import placed, planes_of
 from jssa_gym.exceptions import NotStartedError, ParameterError
 from jssa_gym.guard.answers import Answers, GuardAnswer
 from jssa_gym.guard.clock import TickRate
@@ -71,7 +72,7 @@ class Guard:
 
     def __init__(
         self,
-        robot: str | Path | RobotModel = "lr_mate_200id_7l",
+        robot: str | Path | RobotModel = robots.DEFAULT,
         dt: float = 0.008,
         *,
         profile: Literal["paper", "work", "yield"] = "paper",
@@ -89,7 +90,8 @@ class Guard:
         share: float = 1.0,
     ) -> None:
         self.dt = number_within("dt", dt, SHORTEST, LONGEST)
-        self.robot, self._planes = _placed(make_robot(robot), scene)
+        arm = make_robot(robot)
+        self.robot, self._planes = (arm, scene) if isinstance(scene, Planes) else (placed(arm, scene), planes_of(scene))
         self._static = nobody() if static is None else static
         if isinstance(failsafe, bool):
             raise ParameterError(
@@ -152,8 +154,8 @@ class Guard:
             ParameterError: It is no joint position, or outside the position limits.
         """
         position = real_array("position", position, (self.robot.n,), "a joint position [rad]")
-        low, high = self.robot.limits.position.T
-        if not np.all((low <= position) & (position <= high)):
+        if not self.robot.limits.contain(position):
+            low, high = self.robot.limits.position.T
             j = int(np.flatnonzero((position < low) | (position > high))[0])
             raise ParameterError(
                 f"the arm has to begin inside its position limits: {self.robot.joint_names[j]} is at {position[j]:.4g} "
@@ -241,14 +243,3 @@ def _tolerant(given: Any, tolerance: tuple[Any, ...], profile: str) -> Any:
     if isinstance(given, FailsafeParams):
         return replace(given, state_tolerance=tolerance)
     return {**({} if given is True else given), "state_tolerance": tolerance}
-
-
-def _placed(robot: RobotModel, scene: Any) -> tuple[RobotModel, Planes]:
-    """The robot where it stands, and the half-spaces around it."""
-    if isinstance(scene, Planes):
-        return robot, scene
-    planes = planes_of(scene)
-    mount = np.array([0.0, 0.0, SCENES[scene]])
-    if np.any(robot.mount != 0.0) and np.any(robot.mount != mount):
-        raise ParameterError(f"the robot is mounted at {robot.mount}, scene {scene!r} puts it at {mount}")
-    return robot.mounted(mount), planes

@@ -14,10 +14,10 @@ WALKER = 3.0
 half a step, which is a brisk stop."""
 
 RUNNER = 5.0
-"""Of somebody who runs at the arm [m/s²]: the first steps of a sprint."""
+"""Acceleration of somebody who runs at the arm [m/s²]: the first steps of a sprint."""
 
 HAND = 30.0
-"""Of a hand beside its body [m/s²]: 2 m/s after 7 cm, as in a fast reach."""
+"""Acceleration of a hand beside its body [m/s²]: 2 m/s after 7 cm, as in a fast reach."""
 
 _ROUNDING = 1e-10
 """Share by which a change may exceed the bound for rounding."""

@@ -1,6 +1,7 @@
 """The paper's human: six capsules."""
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +38,7 @@ class Body:
     @classmethod
     def facing(cls, heading: float = np.pi, person: int = 0) -> "Body":
         """A body that looks along ``heading`` [rad], counted from +x towards +y; the paper's looks along -x."""
-        c, s = np.cos(heading - np.pi), np.sin(heading - np.pi)
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        turn = turning(heading - np.pi)
         return cls(
             np.array([start for _, start, _, _ in PARTS]) @ turn.T,
             np.array([end for _, _, end, _ in PARTS]) @ turn.T,
@@ -51,6 +51,12 @@ class Body:
         out = np.empty((4, len(self.radius), 3))
         translate(self.start, self.end, root[0], root[1], velocity[0], velocity[1], out)
         return CapsuleSet(out[0], out[1], out[2], out[3], self.radius, NAMES, self.person)
+
+
+def turning(angle: float) -> Array:
+    """A turn about the base axis, counter-clockwise from above [rad], as a matrix, shape (3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 NO_LINKS = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
@@ -67,12 +73,11 @@ def together(people: list[CapsuleSet]) -> CapsuleSet:
     """Several people's capsules in one set."""
     if not people:
         return nobody()
-    return CapsuleSet(
-        np.concatenate([p.start for p in people]),
-        np.concatenate([p.end for p in people]),
-        np.concatenate([p.start_velocity for p in people]),
-        np.concatenate([p.end_velocity for p in people]),
-        np.concatenate([p.radius for p in people]),
-        tuple(name for p in people for name in p.names),
-        np.concatenate([p.person for p in people]),
-    )
+    *arrays, names, person = zip(*people, strict=True)
+    return CapsuleSet(*map(np.concatenate, arrays), tuple(chain(*names)), np.concatenate(person))
+
+
+def some_of(people: CapsuleSet, which: NDArray[np.bool_]) -> CapsuleSet:
+    """Some of the capsules, shape (m,)."""
+    names = tuple(name for name, wanted in zip(people.names, which, strict=True) if wanted)
+    return CapsuleSet(*(array[which] for array in people[:5]), names, people.person[which])

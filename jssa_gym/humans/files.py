@@ -11,7 +11,7 @@ from jssa_gym.humans.recording import Recording, load_placed
 from jssa_gym.humans.survey import Oddity, Source, survey
 
 SUFFIXES = (".npz", ".csv", ".bvh")
-"""Of files of people, in any case."""
+"""Endings of files of people, in any case."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,7 +22,7 @@ class Person:
     source: Source
     """Where the samples stand in the file."""
     conversion: Conversion | None = None
-    """Of motion capture."""
+    """What was made of motion capture."""
 
     def findings(self) -> list[Oddity]:
         """All that is not as in people."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,6 @@ from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.validation import low_high, positive_number, share
 
 RIGHT, LEFT = NAMES.index("right_arm"), NAMES.index("left_arm")
-_ARMS = (NAMES[RIGHT], NAMES[LEFT])
 
 ARM_LENGTH = 0.7
 """Shoulder to hand of a stretched arm [m]; 0.58 m at rest."""
@@ -101,14 +100,33 @@ class Gesturer(HumanMotion):
     """The arms that move, shape (2,) of ``LIMB``."""
     body: Body
     """The capsules around the root, with the arms at rest."""
+    front: tuple[float, float]
+    side: tuple[float, float]
+    acceleration: float
+    arms: ClassVar[tuple[str, ...]]
+    """Names of the capsules that may move."""
     _rng: np.random.Generator | None = None
 
-    def _stand(self, kind: int, root: Point, person: int) -> Any:
-        """Begin to stand at ``root`` [m], facing the base axis: the record to write into."""
+    def end_speeds_of(self, part: str) -> tuple[float, float]:
+        return 0.0, self.speed_bound if part in self.arms else 0.0
+
+    def acceleration_of(self, part: str) -> float:
+        return self.acceleration if part in self.arms else 0.0
+
+    def check_start(self, start: Array) -> None:
+        check_clearance(start)
+
+    def _stand(self, kind: int, rng: np.random.Generator, start: Array | None, person: int) -> tuple[Any, Point]:
+        """Begin to stand at ``start``, or where is drawn, facing the base axis: the record to write into, the root."""
+        if start is None:
+            start = np.array([rng.uniform(*self.front), rng.uniform(*self.side)])
+        else:
+            self.check_start(start)
+        root = float(start[0]), float(start[1])
         self.record, self.limbs = records(1, GESTURE), records(2, LIMB)
         self.record[0]["kind"], self.record[0]["root"] = kind, root
         self.body = Body.facing(math.atan2(-root[1], -root[0]), person)
-        return self.record[0]
+        return self.record[0], root
 
     def step(self, dt: float, robot: CapsuleSet) -> CapsuleSet:
         links = (robot.start, robot.end, robot.radius) if self.reacts else NO_LINKS
@@ -140,6 +158,8 @@ class Hand(Gesturer):
         acceleration: Largest acceleration of the hand [m/s²]; None for none: it turns at once.
     """
 
+    arms = NAMES[RIGHT], NAMES[LEFT]
+
     def __init__(
         self,
         front: Sequence[float] = (0.95, 1.3),
@@ -156,22 +176,9 @@ class Hand(Gesturer):
         self.acceleration = acceleration_bound("acceleration", acceleration)
         self.speed_bound = self.speed[1]
 
-    def end_speeds_of(self, part: str) -> tuple[float, float]:
-        return 0.0, self.speed_bound if part in _ARMS else 0.0
-
-    def acceleration_of(self, part: str) -> float:
-        return self.acceleration if part in _ARMS else 0.0
-
-    def check_start(self, start: Array) -> None:
-        check_clearance(start)
-
     def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
-        if start is None:
-            start = np.array([rng.uniform(*self.front), rng.uniform(*self.side)])
-        else:
-            self.check_start(start)
-        self._rng, root = rng, (float(start[0]), float(start[1]))
-        gesture = self._stand(FLICKS, root, person)
+        self._rng = rng
+        gesture, root = self._stand(FLICKS, rng, start, person)
         parts = (RIGHT, LEFT) if rng.random() < self.both else (RIGHT,)
         gesture["limbs"] = len(parts)
         gesture["slowest"], gesture["fastest"] = self.speed

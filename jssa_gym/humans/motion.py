@@ -44,7 +44,7 @@ class HumanMotion(ABC):
     reacts: bool = True
     """Whether :meth:`step` looks at the robot; if not, it is spared the work and given an empty set."""
     comers: tuple[str, ...] | None = None
-    """Of each person's capsules, where people come and go, :attr:`people` at most; None: whoever is there stays."""
+    """Names of each person's capsules, if people come and go, :attr:`people` at most; None: whoever is there stays."""
 
     @abstractmethod
     def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:

@@ -40,7 +40,7 @@ class Paced(HumanMotion):
         self.comers = getattr(motion, "comers", None)  # of people who come and go
         self.speed_bound = self.pace[1] * motion.speed_bound
         self.now = 1.0
-        """Of this episode."""
+        """Pace of this episode."""
         self._seen = nobody()
 
     def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:

@@ -8,7 +8,7 @@ import numpy as np
 from jssa_gym.humans.acceleration import HAND, acceleration_bound
 from jssa_gym.humans.body import NAMES
 from jssa_gym.humans.hand import ARM_LENGTH, RIGHT, Gesturer, write_limb
-from jssa_gym.humans.motion import CLEARANCE, STILL, check_clearance
+from jssa_gym.humans.motion import CLEARANCE, STILL
 from jssa_gym.kernels.limbs import RECEIVES
 from jssa_gym.types import Array, CapsuleSet
 from jssa_gym.validation import low_high
@@ -37,6 +37,7 @@ class Receive(Gesturer):
     """
 
     reacts = False
+    arms = (NAMES[RIGHT],)
 
     def __init__(
         self,
@@ -61,22 +62,8 @@ class Receive(Gesturer):
         self.acceleration = acceleration_bound("acceleration", acceleration)
         self.speed_bound = self.speed[1]
 
-    def end_speeds_of(self, part: str) -> tuple[float, float]:
-        return 0.0, self.speed_bound if part == NAMES[RIGHT] else 0.0
-
-    def acceleration_of(self, part: str) -> float:
-        return self.acceleration if part == NAMES[RIGHT] else 0.0
-
-    def check_start(self, start: Array) -> None:
-        check_clearance(start)
-
     def reset(self, rng: np.random.Generator, start: Array | None = None, person: int = 0) -> CapsuleSet:
-        if start is None:
-            start = np.array([rng.uniform(*self.front), rng.uniform(*self.side)])
-        else:
-            self.check_start(start)
-        root = (float(start[0]), float(start[1]))
-        gesture = self._stand(RECEIVES, root, person)
+        gesture, root = self._stand(RECEIVES, rng, start, person)
         gesture["limbs"] = 1
         write_limb(self.limbs[0], self.body, RIGHT, ARM_LENGTH, self.acceleration)
         heading = math.atan2(-root[1], -root[0])

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
+from jssa_gym.humans.body import turning
 from jssa_gym.humans.files import load
 from jssa_gym.humans.motion import CLEARANCE, HumanMotion
-from jssa_gym.humans.recording import Recording, nearest_root, turning
+from jssa_gym.humans.recording import Recording, nearest_root
 from jssa_gym.kernels.playing import BACK_AND_FORTH, HOLD, LOOP, PLAYER, aim_player, step_player
 from jssa_gym.kernels.records import records
 from jssa_gym.types import Array, CapsuleSet
@@ -23,7 +24,7 @@ REACH_AND_RETREAT = Path(__file__).parent / "recordings" / "reach_and_retreat.np
 """The recording that comes with the package; ``examples/make_recording.py`` synthesises it."""
 
 Placement = tuple[Array, Array]
-"""Of a recording: a turn about the base axis, shape (3, 3), then a way, shape (3,) [m]."""
+"""Where a recording is played: a turn about the base axis, shape (3, 3), then a way, shape (3,) [m]."""
 
 _CLOSED = 1e-6
 """Distance within which the last sample of a recording that is played in a loop is the first [m]."""
@@ -56,7 +57,7 @@ class Recorded(HumanMotion):
 
     reacts = False
     times: Array
-    """Of the samples, the first is 0, shape (T,) [s]."""
+    """Times of the samples, the first is 0, shape (T,) [s]."""
     record: NDArray[Any]
     """Where in the recording it is, shape (1,) of ``PLAYER``."""
     samples: Array

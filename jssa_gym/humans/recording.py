@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.exceptions import RecordingError
+from jssa_gym.humans.body import turning
 from jssa_gym.humans.survey import REFUSED, Source, survey
 from jssa_gym.humans.table import read_table
 from jssa_gym.storage import open_archive, open_whole, read_array, refused, whole_file, write_archive
@@ -36,7 +37,7 @@ class Recording:
     """
 
     time: Array
-    """Of the samples, increasing, shape (T,) [s], T at least 2."""
+    """Times of the samples, increasing, shape (T,) [s], T at least 2."""
     start: Array
     """Shape (T, m, 3) [m]; the first capsule's, seen from above, is the person's root."""
     end: Array
@@ -142,12 +143,6 @@ class Recording:
         values = {name: getattr(self, name) for name in _FIELDS[:-1]}
         with whole_file(path) as file:
             write_archive(file, {"names": np.array(self.names), **values}, compressed=True)
-
-
-def turning(angle: float) -> Array:
-    """A turn about the base axis, counter-clockwise from above [rad], as a matrix, shape (3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def nearest_root(path: Array) -> Array:

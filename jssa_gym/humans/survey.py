@@ -69,7 +69,7 @@ class Source:
     """Where the samples stand in their file."""
 
     rows: Sequence[int] | None = None
-    """Of a table: line of every sample."""
+    """Line of every sample in a table."""
     noun: str = "sample"
     """What a sample is there."""
     first: int = 0

@@ -24,7 +24,7 @@ class Walker(Walk):
     body: Body
     """Its capsules around its root."""
     kind: ClassVar[int]
-    """Of :mod:`jssa_gym.kernels.walkers`."""
+    """How they walk, of :mod:`jssa_gym.kernels.walkers`."""
     draws: ClassVar[int] = 1
     """Random numbers that a step may ask for at once."""
 

@@ -97,22 +97,22 @@ class KeypointTable:
             BodyPart("head", "head", "head", _RADIUS["head"] + FACE),
             BodyPart("core_body", "hips", "shoulders", _RADIUS["core_body"]),
         ]
-        for side in _SIDES:
-            arm, leg = _RADIUS[f"{side}_arm"], _RADIUS[f"{side}_leg"]
-            if body == "six":
-                parts += [
-                    BodyPart(f"{side}_arm", f"{side}_shoulder", f"{side}_wrist", arm),
-                    BodyPart(f"{side}_leg", f"{side}_hip", f"{side}_ankle", leg),
-                ]
-                continue
-            parts += [
-                BodyPart(f"{side}_upper_arm", f"{side}_shoulder", f"{side}_elbow", arm),
-                BodyPart(f"{side}_forearm", f"{side}_elbow", f"{side}_wrist", arm),
-                BodyPart(f"{side}_hand", f"{side}_wrist", f"{side}_hand", self.hand),
-                BodyPart(f"{side}_thigh", f"{side}_hip", f"{side}_knee", leg),
-                BodyPart(f"{side}_knee_to_ankle", f"{side}_knee", f"{side}_ankle", leg),
-                BodyPart(f"{side}_foot", f"{side}_ankle", f"{side}_toe", self.foot),
-            ]
+        arm, leg = _RADIUS["right_arm"], _RADIUS["right_leg"]
+        limbs = (
+            ("upper_arm", "shoulder", "elbow", arm),
+            ("forearm", "elbow", "wrist", arm),
+            ("hand", "wrist", "hand", self.hand),
+            ("thigh", "hip", "knee", leg),
+            ("knee_to_ankle", "knee", "ankle", leg),
+            ("foot", "ankle", "toe", self.foot),
+        )
+        if body == "six":
+            limbs = ("arm", "shoulder", "wrist", arm), ("leg", "hip", "ankle", leg)
+        parts += [
+            BodyPart(f"{side}_{name}", f"{side}_{start}", f"{side}_{end}", radius)
+            for side in _SIDES
+            for name, start, end, radius in limbs
+        ]
         for part in parts:
             for joint in (part.start, part.end):
                 known_name(f"joint of {part.name}", joint, self.joints)

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jssa_gym.control import Cascade
+from jssa_gym.control.resolved import ResolvedRates
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.kernels.chain import forward, jacobian, tool_motion
 from jssa_gym.kernels.reach import nearest_to_point
-from jssa_gym.kernels.records import FRAME, records
-from jssa_gym.types import Array, CapsuleSet
+from jssa_gym.types import Array, CapsuleSet, JointState
 from jssa_gym.validation import positive_number, real_array
 
 
@@ -143,10 +142,9 @@ class ChasePolicy:
 
     def __init__(self, env: gym.Env, seed: int | None = None, damping: float = 0.05) -> None:
         self._env, self._robot = env, env.get_wrapper_attr("robot")
-        self.damping = positive_number("damping", damping)
+        self._rates = ResolvedRates(self._robot, damping)
+        self.damping = self._rates.damping
         self._cascade = Cascade(self._robot.limits, share=1.0)
-        self._frames, self._tip = records(self._robot.n, FRAME), np.zeros((2, 3))
-        self._jacobian = np.zeros((3, self._robot.n))
 
     def __call__(self, observation: Any) -> Array:
         """Action towards the nearest person, shape (n,)."""
@@ -154,22 +152,18 @@ class ChasePolicy:
         state = scene.robot
         velocity = np.zeros(robot.n)
         if len(scene.human.radius):
-            velocity = self._towards(np.array([state.position, state.velocity, state.acceleration]), scene.human)
+            velocity = self._towards(state, scene.human)
         # as a target, so that joints slow down before the ends of their ranges
         target = state.position + velocity / self._cascade.kp
         return self._cascade.jerk(state, target) / robot.limits.jerk
 
-    def _towards(self, state: Array, people: CapsuleSet) -> Array:
-        """Joint velocity that moves the tip to the nearest person, shape (n,) [rad/s]; ``state`` of shape (3, n)."""
-        robot, J = self._robot, self._jacobian
-        forward(robot.links, state, self._frames)
-        tool_motion(self._frames, robot.tool_link, robot.tool_offset, self._tip)
-        jacobian(self._frames, robot.tool_link, self._tip[0], J)
-        _, point = nearest_to_point(self._tip[0], people.start, people.end, people.radius)
-        way = np.array(point) - self._tip[0]
-        velocity = J.T @ np.linalg.solve(J @ J.T + self.damping**2 * np.eye(3), way)
+    def _towards(self, state: JointState, people: CapsuleSet) -> Array:
+        """Joint velocity that moves the tip to the nearest person, shape (n,) [rad/s]."""
+        tip, _ = self._rates.look(state)
+        _, point = nearest_to_point(tip, people.start, people.end, people.radius)
+        velocity = self._rates.joint_velocity(np.array(point) - tip)
         # which way counts; how fast is up to the limits
-        return velocity / max(np.max(np.abs(velocity) / robot.limits.velocity), 1e-9)
+        return velocity / max(np.max(np.abs(velocity) / self._robot.limits.velocity), 1e-9)
 
 
 class SteeredPolicy:

@@ -9,7 +9,7 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.validation import low_high
 
 Delay = float | tuple[float, float] | Callable[[np.random.Generator], float]
-"""Of the host [s]: a number, a range to draw from, or what draws it; infinity for an answer that never comes."""
+"""Delay of the host [s]: a number, a range to draw from, or what draws it; infinity for an answer that never comes."""
 
 
 @dataclass(frozen=True, slots=True)

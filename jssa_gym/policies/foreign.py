@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jssa_gym import robots
 from jssa_gym.exceptions import MissingExtraError, PolicyFileError, how_to_install
 from jssa_gym.policies.files import LARGEST
 from jssa_gym.policies.learned import LearnedPolicy
@@ -73,7 +74,7 @@ def convert_sb3(
     mean: ArrayLike | None = None,
     std: ArrayLike | None = None,
     clip: float = np.inf,
-    robot: str | Path | RobotModel = "lr_mate_200id_7l",
+    robot: str | Path | RobotModel = robots.DEFAULT,
     task: str = "",
     observes_intervention: bool = False,
 ) -> LearnedPolicy:

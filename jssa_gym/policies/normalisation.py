@@ -14,7 +14,7 @@ from jssa_gym.types import Array
 from jssa_gym.validation import positive_number, real_array
 
 _LARGEST = 64 * 2**20
-"""Of a file [bytes]."""
+"""Largest size of a file [bytes]."""
 
 
 class Normalisation(NamedTuple):

@@ -58,7 +58,12 @@ P = TypeVar("P", bound=Policy)
 
 
 class _Each(Generic[P]):
-    """Policies of one arm each, who are asked for what they draw, and what is calculated for all of them."""
+    """Policies of one arm each, who are asked for what they draw, and what is calculated for all of them.
+
+    Args:
+        envs: The vector.
+        kind: Makes the policy of an arm, by an environment like its own and a seed.
+    """
 
     def __init__(self, envs: VectorEnv, kind: Callable[[gym.Env, int], P]) -> None:
         self._arms, self._kind = arms_of(envs), kind
@@ -101,11 +106,7 @@ class _Ahead(_Each[P]):
 
 
 class VectorRandom(_Ahead[RandomPolicy]):
-    """:class:`~jssa_gym.policies.RandomPolicy` of many arms.
-
-    Args:
-        envs: The vector.
-    """
+    """:class:`~jssa_gym.policies.RandomPolicy` of many arms."""
 
     def __init__(self, envs: VectorEnv) -> None:
         super().__init__(envs, RandomPolicy, RandomPolicy.draw)
@@ -116,11 +117,7 @@ class VectorRandom(_Ahead[RandomPolicy]):
 
 
 class VectorBangBang(_Ahead[BangBangPolicy]):
-    """:class:`~jssa_gym.policies.BangBangPolicy` of many arms.
-
-    Args:
-        envs: The vector.
-    """
+    """:class:`~jssa_gym.policies.BangBangPolicy` of many arms."""
 
     def __init__(self, envs: VectorEnv) -> None:
         super().__init__(envs, BangBangPolicy, BangBangPolicy.draw)
@@ -138,11 +135,7 @@ class VectorBangBang(_Ahead[BangBangPolicy]):
 
 
 class VectorConstant(_Each[ConstantPolicy]):
-    """:class:`~jssa_gym.policies.ConstantPolicy` of many arms.
-
-    Args:
-        envs: The vector.
-    """
+    """:class:`~jssa_gym.policies.ConstantPolicy` of many arms."""
 
     def __init__(self, envs: VectorEnv) -> None:
         super().__init__(envs, ConstantPolicy)
@@ -162,11 +155,7 @@ class VectorConstant(_Each[ConstantPolicy]):
 
 
 class VectorHold(_Each[HoldPolicy]):
-    """:class:`~jssa_gym.policies.HoldPolicy` of many arms, at home.
-
-    Args:
-        envs: The vector.
-    """
+    """:class:`~jssa_gym.policies.HoldPolicy` of many arms, at home."""
 
     def __init__(self, envs: VectorEnv) -> None:
         super().__init__(envs, lambda env, seed: HoldPolicy(env))
@@ -178,11 +167,7 @@ class VectorHold(_Each[HoldPolicy]):
 
 
 class VectorWander(_Each[WanderPolicy]):
-    """:class:`~jssa_gym.policies.WanderPolicy` of many arms.
-
-    Args:
-        envs: The vector.
-    """
+    """:class:`~jssa_gym.policies.WanderPolicy` of many arms."""
 
     def __init__(self, envs: VectorEnv) -> None:
         super().__init__(envs, WanderPolicy)
@@ -207,11 +192,7 @@ class VectorWander(_Each[WanderPolicy]):
 
 
 class VectorLimitSeeking(_Each[LimitSeekingPolicy]):
-    """:class:`~jssa_gym.policies.LimitSeekingPolicy` of many arms.
-
-    Args:
-        envs: The vector.
-    """
+    """:class:`~jssa_gym.policies.LimitSeekingPolicy` of many arms."""
 
     def __init__(self, envs: VectorEnv) -> None:
         super().__init__(envs, LimitSeekingPolicy)
@@ -238,11 +219,7 @@ class VectorLimitSeeking(_Each[LimitSeekingPolicy]):
 
 
 class VectorChase(_Each[ChasePolicy]):
-    """:class:`~jssa_gym.policies.ChasePolicy` of many arms.
-
-    Args:
-        envs: The vector.
-    """
+    """:class:`~jssa_gym.policies.ChasePolicy` of many arms."""
 
     def __init__(self, envs: VectorEnv) -> None:
         super().__init__(envs, ChasePolicy)
@@ -264,11 +241,7 @@ class VectorChase(_Each[ChasePolicy]):
 
 
 class VectorStraight(_Each[StraightPolicy]):
-    """:class:`~jssa_gym.policies.StraightPolicy` of many arms.
-
-    Args:
-        envs: The vector.
-    """
+    """:class:`~jssa_gym.policies.StraightPolicy` of many arms."""
 
     def __init__(self, envs: VectorEnv) -> None:
         super().__init__(envs, lambda env, seed: StraightPolicy(env))

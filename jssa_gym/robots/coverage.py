@@ -105,6 +105,11 @@ def measured_geoms(model: "mujoco.MjModel", group: int) -> NDArray[np.bool_]:
     return (model.geom_group == group) & np.isin(model.geom_type, (kinds.mjGEOM_CAPSULE, kinds.mjGEOM_SPHERE))
 
 
+def ground_geoms(model: "mujoco.MjModel") -> NDArray[np.bool_]:
+    """Which geoms are planes and height fields, no part of an arm, shape (g,)."""
+    return np.isin(model.geom_type, (_kinds().mjGEOM_PLANE, _kinds().mjGEOM_HFIELD))
+
+
 def check_coverage(
     model: "mujoco.MjModel",
     joints: Sequence[int],
@@ -158,9 +163,7 @@ def _base(
     import mujoco
 
     data, link, measured = mujoco.MjData(model), _link_of_geom(model, link_of_body), measured_geoms(model, group)
-    # no part of an arm
-    grounds = (model.geom_type == _kinds().mjGEOM_PLANE) | (model.geom_type == _kinds().mjGEOM_HFIELD)
-    geoms = np.flatnonzero((link < 0) & ~measured & ~grounds)
+    geoms = np.flatnonzero((link < 0) & ~measured & ~ground_geoms(model))
     if not len(geoms):
         return (), 0.0
     _pose(model, data, home)

@@ -19,7 +19,7 @@ _LARGEST = 2**20
 """Size from which no table is read [bytes]."""
 
 GUESSED_VELOCITY = np.pi
-"""Of a joint about which nothing is stated [rad/s]: that of a mid-sized arm's joints."""
+"""Velocity of a joint about which nothing is stated [rad/s]: that of a mid-sized arm's joints."""
 
 _RISE, _EASE = 0.304, 0.152
 """Times from rest to full velocity and from rest to full acceleration [s], with which the paper's jerk limits of the

@@ -87,6 +87,17 @@ class JointLimits:
         """
         return np.array([*self.position.T, self.velocity, self.acceleration, self.jerk])
 
+    def contain(self, positions: Array) -> bool:
+        """Whether joint positions, shape (..., n) [rad], lie inside the limits."""
+        low, high = self.position.T
+        return bool(np.all((low <= positions) & (positions <= high)))
+
+    @property
+    def state_scale(self) -> Array:
+        """What deviations of joint states are shares of: range, velocity and acceleration limit, shape (3, n)."""
+        low, high = self.position.T
+        return np.array([high - low, self.velocity, self.acceleration])
+
 
 def unpromised(uncovered: Sequence[str]) -> str:
     """What is to be said of links without capsules, by their joints; empty if there are none."""
@@ -223,8 +234,7 @@ class RobotModel:
         tool_link, tool_offset = tool_of(model, tool_site, link_of_body, anchors)
         keys = [model.key_qpos[k].copy() for k in range(model.nkey) if model.key(k).name == home_key]
         home = keys[-1] if keys else np.array(limits.position.mean(axis=1))
-        low, high = limits.position.T
-        if not np.all((low <= home) & (home <= high)):
+        if not limits.contain(home):
             raise RobotModelError(f"keyframe '{home_key}' lies outside the position ranges: {home.tolist()}")
         names_of_joints = tuple(model.joint(j).name or f"joint {j}" for j in joints)
         if unknown := [name for name in uncovered if name not in names_of_joints]:

@@ -3,7 +3,7 @@
 Parameters only: that a step is FAILSAFE is decided in ``tick/admit.py``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -14,8 +14,8 @@ from jssa_gym.robots import RobotModel
 from jssa_gym.safety.energy import speed_for
 from jssa_gym.safety.parts import FOOT_PARTS, LIMB_PARTS, SLOW_PARTS, by_name, is_called
 from jssa_gym.safety.region import WatchedRegion
-from jssa_gym.types import Array
-from jssa_gym.validation import check_fields, known_name, number_within, positive_number, real_array
+from jssa_gym.types import Array, JointState
+from jssa_gym.validation import check_fields, known_name, number_within, positive_number, real_array, true_or_false
 
 HARDNESS = (0.4, 0.55, 0.7, 0.85, 1.0)
 """Shares of the acceleration and jerk limits that graded stops are planned with, softest first."""
@@ -111,17 +111,16 @@ class FailsafeParams:
     """Where everybody is measured, so that people may come and go; None: nobody may appear or leave until ``reset``."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.graded, bool):
-            raise ParameterError(f"graded has to be True or False, got {self.graded!r}")
+        check_fields(self, ("graded",), true_or_false)
         check_fields(self, ("human_speed", "limb_speed", "foot_speed", "max_age"), positive_number)
         check_fields(self, ("position_error", "actuation_lag", "tracking_error", "velocity_error"), number_within, 0.0)
-        object.__setattr__(self, "contact_speed", _checked_parts("contact_speed", self.contact_speed))
+        check_fields(self, ("contact_speed",), _checked_parts, number_within, 0.0)
         if self.contact_energy is not None:
-            object.__setattr__(self, "contact_energy", _checked_parts("contact_energy", self.contact_energy))
+            check_fields(self, ("contact_energy",), _checked_parts, number_within, 0.0)
         if self.end_speeds is not None:
             object.__setattr__(self, "end_speeds", _checked_ends(self.end_speeds))
         if self.human_acceleration is not None:
-            object.__setattr__(self, "human_acceleration", _checked_acceleration(self.human_acceleration))
+            check_fields(self, ("human_acceleration",), _checked_parts, positive_number)
         object.__setattr__(self, "state_tolerance", _checked_tolerance(self.state_tolerance))
         if self.watched is not None:
             object.__setattr__(self, "watched", WatchedRegion.of(self.watched))
@@ -194,7 +193,7 @@ class FailsafeParams:
         Raises:
             ParameterError: It has another number of joints.
         """
-        for name, row in zip(_STATE, self.state_tolerance, strict=True):
+        for name, row in zip(JointState._fields, self.state_tolerance, strict=True):
             if isinstance(row, tuple) and len(row) != robot.n:
                 raise ParameterError(f"state_tolerance has {len(row)} numbers for {name}, the robot {robot.n} joints")
         return np.array([np.broadcast_to(row, robot.n) for row in self.state_tolerance], np.float64)
@@ -208,9 +207,6 @@ class FailsafeParams:
         return self.tracking_error + float((levers(robot) @ self.tolerance_of(robot)[0]).max(initial=0.0))
 
 
-_STATE = ("position", "velocity", "acceleration")
-
-
 def _told_once(field: str, values: dict[str, Any]) -> dict[str, Any]:
     """The mapping, if it names each body part once, whatever the case."""
     if len({part.casefold() for part in values}) < len(values):
@@ -218,12 +214,11 @@ def _told_once(field: str, values: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-def _checked_parts(field: str, value: Any) -> float | dict[str, float]:
-    """A number of at least 0, for all body parts or by name."""
+def _checked_parts(field: str, value: Any, check: Callable[..., float], *bounds: float) -> float | dict[str, float]:
+    """A number that passes a check of :mod:`jssa_gym.validation`, for all body parts or by name."""
     if not isinstance(value, Mapping):
-        return number_within(field, value, 0.0)
-    checked = {str(part): number_within(f"{field}[{part!r}]", one, 0.0) for part, one in value.items()}
-    return _told_once(field, checked)
+        return check(field, value, *bounds)
+    return _told_once(field, {str(part): check(f"{field}[{part!r}]", one, *bounds) for part, one in value.items()})
 
 
 def _checked_ends(value: Any) -> dict[str, tuple[float, float]]:
@@ -237,13 +232,6 @@ def _checked_ends(value: Any) -> dict[str, tuple[float, float]]:
             raise ParameterError(f"{wanted}; got {speeds!r} for {part!r}")
         found[str(part)] = start, end
     return _told_once("end_speeds", found)
-
-
-def _checked_acceleration(value: Any) -> float | dict[str, float]:
-    if isinstance(value, Mapping):
-        bounds = {str(part): positive_number(f"human_acceleration[{part!r}]", bound) for part, bound in value.items()}
-        return _told_once("human_acceleration", bounds)
-    return positive_number("human_acceleration", value)
 
 
 def _checked_tolerance(value: Any) -> tuple[float | tuple[float, ...], ...]:

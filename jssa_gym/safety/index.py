@@ -7,7 +7,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.index import Index
 from jssa_gym.types import Array
-from jssa_gym.validation import check_fields, positive_number
+from jssa_gym.validation import check_fields, positive_number, true_or_false
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,7 @@ class IndexParams:
 
     def __post_init__(self) -> None:
         check_fields(self, ("d_min", "lambda1", "lambda2", "sliding_limit", "sin2_floor"), positive_number)
-        if not isinstance(self.sliding, bool):
-            raise ParameterError(f"sliding has to be True or False, got {self.sliding!r}")
+        check_fields(self, ("sliding",), true_or_false)
         if self.lambda1**2 < 8.0 * self.lambda2 * self.d_min:
             raise ParameterError(
                 f"lambda1² has to be at least 8 lambda2 d_min: {self.lambda1**2:.4g} is below "

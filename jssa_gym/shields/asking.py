@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jssa_gym.shields.alarm import Alarm
-from jssa_gym.shields.answers import sound
 from jssa_gym.shields.reading import words_of
 from jssa_gym.shields.tick import Tick
 from jssa_gym.tick import codes, loop
@@ -14,6 +13,9 @@ from jssa_gym.types import Array, Decision, Scene, Status
 
 if TYPE_CHECKING:
     from jssa_gym.shields.filter import SafetyFilter
+
+_MOST = 2**31
+"""Numbers of capsules and rows lie below."""
 
 
 def ask(filter: "SafetyFilter", alarm: Alarm, scene: Scene | None, nominal: Array) -> Decision | None:
@@ -58,7 +60,7 @@ def _tick(filter: "SafetyFilter", scene: Scene, nominal: Array) -> Tick:
 
 def _response(filter: "SafetyFilter", alarm: Alarm, tick: Tick) -> Decision:
     try:
-        return sound(filter.respond(tick), tick.nominal.shape)
+        return _sound(filter.respond(tick), tick.nominal.shape)
     except Exception as error:  # whatever a filter runs into, the arm must go on safely
         reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
         alarm.failure("filter", f"{reason}; the arm brakes")
@@ -88,3 +90,40 @@ def foreseen(filter: "SafetyFilter", decision: Decision, jerk: Array) -> tuple[f
         return float(phi), float(distance), (int(row), int(column))
     except Exception:  # what it says is for the eye; the stop is on its way
         return np.nan, np.nan, (-1, -1)
+
+
+def _sound(decision: Decision, shape: tuple[int, ...]) -> Decision:
+    """A filter's answer, its numbers as Python's.
+
+    Raises:
+        AttributeError, TypeError, ValueError: It is no decision, its jerk no float64 array of that shape, or another
+            field not what it should be.
+    """
+    jerk = decision.jerk
+    if jerk.shape != shape or jerk.dtype != np.float64:
+        raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
+    if not isinstance(decision, Decision):
+        raise TypeError(f"the answer is {type(decision).__name__}, no Decision")
+    if (
+        type(decision.phi) is type(decision.distance) is type(decision.slack) is float
+        and type(decision.status) is Status
+        and type(decision.reason) is str
+        and type(decision.pair) is tuple
+        and len(decision.pair) == 2
+        and type(decision.pair[0]) is type(decision.pair[1]) is type(decision.rows) is int
+        and max(decision.pair[0], decision.pair[1], decision.rows) < _MOST
+        and min(decision.pair[0], decision.pair[1], decision.rows) >= -1
+    ):
+        return decision
+    row, column = decision.pair
+    if not all(-1 <= int(number) < _MOST for number in (row, column, decision.rows)):
+        raise ValueError(f"the answer's pair {decision.pair} or rows {decision.rows} are no numbers")
+    return decision._replace(
+        status=Status(decision.status),
+        reason=str(decision.reason),
+        phi=float(decision.phi),
+        distance=float(decision.distance),
+        pair=(int(row), int(column)),
+        slack=float(decision.slack),
+        rows=int(decision.rows),
+    )

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.shields.filter import SafetyFilter
@@ -13,8 +12,7 @@ from jssa_gym.tick.assumed import assume
 from jssa_gym.tick.structs import arms
 from jssa_gym.types import Array
 from jssa_gym.validation import positive_integer
-
-Mask = NDArray[np.bool_]
+from jssa_gym.vectors import Mask
 
 
 class Batch:

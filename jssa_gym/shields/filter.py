@@ -30,7 +30,7 @@ from jssa_gym.tick.parts import compile_parts
 from jssa_gym.tick.proposals.nothing import Foreign
 from jssa_gym.tick.propose import KINDS
 from jssa_gym.types import Array, Decision, Scene, Status
-from jssa_gym.validation import positive_number
+from jssa_gym.validation import positive_number, true_or_false
 
 _STATUSES = tuple(Status)
 
@@ -109,11 +109,10 @@ class SafetyFilter:
         self.params = self._checked(params)
         self.robot = robot
         self.dt = positive_number("dt", dt)
-        if not isinstance(viability, bool):
-            raise ParameterError(f"viability has to be True or False, got {viability!r}")
+        self.viability = true_or_false("viability", viability)
         if failsafe is not None and not isinstance(failsafe, FailsafeParams):
             raise ParameterError(f"failsafe has to be None or FailsafeParams, got {failsafe!r}")
-        self.viability, self.failsafe = viability, failsafe
+        self.failsafe = failsafe
         self._alarm = Alarm(self.dt)
         if failsafe is not None:
             failsafe.tolerance_of(robot)

@@ -16,7 +16,7 @@ from jssa_gym.tick.proposals.exact import ExactRows
 from jssa_gym.tick.proposals.printed import PrintedRows
 from jssa_gym.tick.proposals.rows import PROJECT
 from jssa_gym.types import Array, Decision, HalfSpaces, Status
-from jssa_gym.validation import known_name, positive_number
+from jssa_gym.validation import known_name, positive_number, true_or_false
 
 
 class JSSAFilter(SafetyFilter):
@@ -71,8 +71,7 @@ class JSSAFilter(SafetyFilter):
         known_name("projector", projector, PROJECTORS)
         if min_authority != 0.0:
             min_authority = positive_number("min_authority", min_authority)
-        if not isinstance(static_rows, bool):
-            raise ParameterError(f"static_rows has to be True or False, got {static_rows!r}")
+        static_rows = true_or_false("static_rows", static_rows)
         if static_rows and (gradient == "printed" or rows == "closest"):
             raise ParameterError(
                 "the printed row and the closest pair are for humans only: static_rows needs gradient='exact' "

@@ -13,6 +13,21 @@ from jssa_gym.safety.failsafe import FailsafeParams
 
 _logger = logging.getLogger("jssa_gym")
 
+FASTER = (
+    "%s: the shield does not believe measurements of faster people, and may stop for them too late. FailsafeParams has "
+    "human_speed, limb_speed, foot_speed and end_speeds."
+)
+BRISKER = (
+    "%s: the shield may stop for them too late until it has seen that, and counts on speeds alone from then on. "
+    "FailsafeParams has human_acceleration."
+)
+UNSAID = (
+    "%s does not say how fast its people are: no speed_bound, or 0. Nobody can tell whether the shield assumes enough "
+    "of them."
+)
+UNMET = "FailsafeParams: %s, which no capsule is called, so that this changes nothing; there are %s."
+"""What is said of people."""
+
 _ROUNDING = 1.0 + 1e-9
 
 
@@ -29,14 +44,16 @@ def tell_of_fast_people(env: gym.Env, params: FailsafeParams) -> None:
     if params.watched is not None:
         entry = params.entry_speed
         for motion in (one for one in motions if one.comers and one.speed_bound > entry * _ROUNDING):
-            say_faster(f"people may come in at {motion.speed_bound:.3g} m/s, {entry:g} m/s is the entry_speed assumed")
+            say_once(
+                FASTER, f"people may come in at {motion.speed_bound:.3g} m/s, {entry:g} m/s is the entry_speed assumed"
+            )
     if faster := [told for motion, names in named for told in _faster(motion, names, params)]:
-        say_faster("; ".join(dict.fromkeys(faster)))
+        say_once(FASTER, "; ".join(dict.fromkeys(faster)))
     if brisker := [told for motion, names in named for told in _brisker(motion, names, params)]:
-        say_brisker("; ".join(dict.fromkeys(brisker)))
+        say_once(BRISKER, "; ".join(dict.fromkeys(brisker)))
     for motion, names in named:
         if names and _says_nothing(motion):
-            say_unsaid(type(motion).__name__)
+            say_once(UNSAID, type(motion).__name__)
 
 
 def _motions(motion: HumanMotion) -> list[HumanMotion]:
@@ -79,42 +96,10 @@ def tell_of_unmet_names(params: FailsafeParams, names: Sequence[str]) -> None:
     """Say aloud, once, if bounds are given for names that no capsule of the people who are there has."""
     if names and (beside := params.names_beside(names)):
         said = "; ".join(f"{field} names {', '.join(map(repr, given))}" for field, given in beside.items())
-        say_unmet(said, ", ".join(map(repr, dict.fromkeys(names))))
+        say_once(UNMET, said, ", ".join(map(repr, dict.fromkeys(names))))
 
 
 @cache  # many environments have the same people
-def say_faster(who: str) -> None:
-    """Say that once."""
-    _logger.warning(
-        "%s: the shield does not believe measurements of faster people, and may stop for them too late. "
-        "FailsafeParams has human_speed, limb_speed, foot_speed and end_speeds.",
-        who,
-    )
-
-
-@cache
-def say_brisker(who: str) -> None:
-    """Say that once."""
-    _logger.warning(
-        "%s: the shield may stop for them too late until it has seen that, and counts on speeds alone from then on. "
-        "FailsafeParams has human_acceleration.",
-        who,
-    )
-
-
-@cache
-def say_unsaid(motion: str) -> None:
-    """Say that once."""
-    _logger.warning(
-        "%s does not say how fast its people are: no speed_bound, or 0. Nobody can tell whether the shield assumes "
-        "enough of them.",
-        motion,
-    )
-
-
-@cache
-def say_unmet(which: str, names: str) -> None:
-    """Say that once."""
-    _logger.warning(
-        "FailsafeParams: %s, which no capsule is called, so that this changes nothing; there are %s.", which, names
-    )
+def say_once(text: str, *given: str) -> None:
+    """Say something aloud, unless it was said before."""
+    _logger.warning(text, *given)

@@ -21,8 +21,8 @@ def fit_together(human: CapsuleSet, age: Any, valid: Any) -> bool:
 
 def unlike(human: Any, age: Any, valid: Any) -> str:
     """Which of the people's arrays is none, or masked; empty if all are arrays."""
-    fields = ("start", "end", "start_velocity", "end_velocity", "radius", "person")
-    parts = {**{name: getattr(human, name, None) for name in fields}, "age": age, "valid": valid}
+    arrays = (*CapsuleSet._fields[:5], "person")
+    parts = {**{name: getattr(human, name, None) for name in arrays}, "age": age, "valid": valid}
     for name, part in parts.items():
         if isinstance(part, np.ma.MaskedArray):
             return f"{name} is masked"

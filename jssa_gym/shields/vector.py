@@ -30,7 +30,7 @@ _NEEDED = (
 """What is read of a vector environment."""
 
 _OPTIONS = tuple(inspect.signature(JSSAShield).parameters)[1:]
-"""Of the shield around a single environment, which comes before them."""
+"""Options of the shield around a single environment, which comes before them."""
 
 
 class VectorShield(VectorWrapper):

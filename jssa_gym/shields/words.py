@@ -1,7 +1,8 @@
 """What a control step answered, in words: the only place where codes become text."""
 
+from collections import namedtuple
 from collections.abc import Mapping
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,37 +15,12 @@ from jssa_gym.shields.reasons import BAD_INPUTS, FIXTURES, REASONS, SAMPLES, UNF
 from jssa_gym.shields.records import Records
 from jssa_gym.tick import codes
 from jssa_gym.tick.admit import GRADED, HALFWAY, STORED
+from jssa_gym.tick.layout import ANSWER
 from jssa_gym.tick.people import NO_TIME
 from jssa_gym.types import Array, Kind
 
-
-class Told(NamedTuple):
-    """An answer, but for the jerk, as Python's numbers; fields of :data:`~jssa_gym.tick.layout.ANSWER`."""
-
-    status: int
-    phi: float
-    distance: float
-    row: int
-    column: int
-    slack: float
-    rows: int
-    code: int
-    detail: int
-    capsule: int
-    other: int
-    moment: float
-    ticks: int
-    unverified: bool
-    persistent: bool
-    fresh: bool
-    sample: int
-    inside: bool
-    attempt: int
-    recovering: bool
-    kept: bool
-    chosen: int
-    choice: int
-    margin: float
+Told = namedtuple("Told", ANSWER.names or ())
+"""An answer, but for the jerk, as Python's numbers; fields of :data:`~jssa_gym.tick.layout.ANSWER`."""
 
 
 def in_words(told: Told, nominal: Array, robot: RobotModel, records: Records, reading: Reading) -> str:

@@ -6,12 +6,13 @@ import numpy as np
 import viser
 import viser.uplot as uplot
 
+from jssa_gym.palette import BLUE, RED
 from jssa_gym.types import Array, Status
 from jssa_gym.viewer.side import PLOTTED
 from jssa_gym.viewer.snapshot import SERIES, Snapshot
 
-COLOURS = ("#0072B2", "#D55E00")
-"""Of the first and the second arm."""
+COLOURS = (BLUE, RED)
+"""Colours of the first and the second arm."""
 
 _BOUND = "#999999"
 
@@ -36,7 +37,7 @@ _CURVES: dict[str, _Curve] = {
 assert tuple(_CURVES) == SERIES
 
 _POINTS = 200
-"""Of a curve."""
+"""Points of a curve."""
 
 
 class Charts:

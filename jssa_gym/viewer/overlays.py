@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jssa_gym.envs.surroundings import capsules_of
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.motion import integrate
 from jssa_gym.kernels.records import FRAME, SEGMENT, STOP, records
@@ -68,5 +69,4 @@ def arm_capsules(robot: RobotModel, state: JointState) -> CapsuleSet:
     frames, segments = records(robot.n, FRAME), records(len(robot.capsules), SEGMENT)
     forward(robot.links, state_rows(state), frames)
     place(frames, robot.capsules, segments)
-    ends = (segments[name].copy() for name in ("start", "end", "start_velocity", "end_velocity", "radius"))
-    return CapsuleSet(*ends, robot.capsule_names, np.zeros(len(segments), np.int64))
+    return capsules_of(segments, robot.capsule_names)

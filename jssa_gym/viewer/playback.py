@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from jssa_gym.envs.view import people_of
 from jssa_gym.evaluation.trace import load_trace
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, make_robot
 from jssa_gym.safety.proximity import measure
-from jssa_gym.types import CapsuleSet, JointState, Planes, Status, Trace
+from jssa_gym.types import JointState, Planes, Status, Trace
 from jssa_gym.viewer.choices import Choices
 from jssa_gym.viewer.overlays import arm_capsules
 from jssa_gym.viewer.side import PLOTTED
@@ -58,11 +59,7 @@ class Playback:
         """The moment at a time [s]; the nearest there is."""
         trace = self.trace
         k = int(np.clip(np.searchsorted(trace.time, time - trace.dt / 2.0), 0, len(trace.time) - 1))
-        still = np.zeros_like(trace.human_start[k])
-        people = CapsuleSet(
-            trace.human_start[k], trace.human_end[k], still, still,
-            trace.human_radius, trace.human_names, trace.human_person,
-        )  # fmt: skip
+        people = people_of(trace, k)
         state = JointState(trace.position[k], trace.velocity[k], trace.acceleration[k])
         near = measure(self.robot, state, people, Planes(trace.plane_normal, trace.plane_offset, trace.plane_names))
         moved = trace.contact_speed[: k + 1] > 1e-3
@@ -94,8 +91,7 @@ class Playback:
         )
         return Snapshot(
             answered=0, number=-k - 1, epoch=self.epoch, time=float(trace.time[k]), choices=self._choices,
-            robot=self.robot, people=people, arms=(view,), paused=True, factor=1.0, clamped=True, recording=None,
-            scrubbed=True, length=self.length, message="",
+            robot=self.robot, people=people, arms=(view,), paused=True, scrubbed=True, length=self.length,
         )  # fmt: skip
 
     def _history(self, k: int) -> History:

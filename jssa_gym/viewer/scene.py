@@ -7,13 +7,14 @@ import numpy as np
 import viser
 
 from jssa_gym.envs.world import SCENES, World
+from jssa_gym.palette import GREEN, RED, SKY, rgb
 from jssa_gym.types import Array, CapsuleSet, Status
 from jssa_gym.viewer.capsules import CapsuleBatch
 from jssa_gym.viewer.choices import DRAGGED
 from jssa_gym.viewer.gate import Speech
 from jssa_gym.viewer.person import HANDS
 from jssa_gym.viewer.shapes import looks
-from jssa_gym.viewer.snapshot import ArmView, Overlay, Snapshot
+from jssa_gym.viewer.snapshot import ArmView, Snapshot
 from jssa_gym.viewer.words import COLOURS, WORDS
 
 APART = 2.6
@@ -45,7 +46,7 @@ _CLOTHES = {
     "left_leg": (58, 66, 86),
 }
 _CLOTH = (120, 128, 142)
-_STOP, _REACH, _GOAL, _LINE = (213, 94, 0), (86, 180, 233), (0, 158, 115), (204, 51, 51)
+_STOP, _REACH, _GOAL, _LINE = rgb(RED), rgb(SKY), rgb(GREEN), (204, 51, 51)
 
 Drag = Callable[[str, tuple[float, ...]], None]
 """What a dragged body part does: its name, and where the mouse is on the floor (2,) or in the world (3,) [m]."""
@@ -136,17 +137,13 @@ class SceneryOfArm:
                 self._stop = CapsuleBatch(
                     self._server, f"{self._name}/stop", np.tile(_STOP, (len(stop.radius), 1)), 0.12
                 )
-            self._show_overlay(self._stop, stop)
+            self._stop.show(*stop)
         if self._stop is not None:
             self._stop.appear(stop is not None and "stop" in layers)
         if self._reach is not None:
             if reach is not None:
-                self._show_overlay(self._reach, reach)
+                self._reach.show(*reach)
             self._reach.appear(reach is not None and "reach" in layers)
-
-    @staticmethod
-    def _show_overlay(batch: CapsuleBatch, overlay: Overlay) -> None:
-        batch.show(overlay.start, overlay.end, overlay.radius)
 
     def _show_pair(self, view: ArmView, wanted: bool) -> None:
         shown = wanted and view.line is not None

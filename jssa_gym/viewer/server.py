@@ -33,7 +33,7 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-"""Of every answer: no other page can show this one in a frame, and have its visitor click there."""
+"""Headers of every answer: no other page can show this one in a frame, and have its visitor click there."""
 
 _building = threading.Lock()
 

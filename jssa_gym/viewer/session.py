@@ -158,8 +158,6 @@ class Session:
             factor=self.factor,
             clamped=self.dragged.clamped,
             recording=None if take is None else len(take) * DT,
-            scrubbed=False,
-            length=0.0,
             message=message,
         )
 

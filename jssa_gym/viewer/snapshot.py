@@ -95,15 +95,15 @@ class Snapshot(NamedTuple):
     people: CapsuleSet
     arms: tuple[ArmView, ...]
     paused: bool
-    factor: float
+    factor: float = 1.0
     """Simulated time over the clock's."""
-    clamped: bool
+    clamped: bool = True
     """Whether the dragged person keeps to the assumed speeds."""
-    recording: float | None
+    recording: float | None = None
     """Seconds on the film that is being recorded; None if there is none."""
-    scrubbed: bool
+    scrubbed: bool = False
     """Whether this is a moment of a saved episode."""
-    length: float
+    length: float = 0.0
     """Length of the saved episode [s]; 0 of a live one."""
-    message: str
+    message: str = ""
     """What went wrong with the last command; empty if nothing did."""

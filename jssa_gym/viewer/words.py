@@ -1,5 +1,6 @@
 """How a shield's status is said and coloured; the colours are told apart by colour-blind people."""
 
+from jssa_gym.palette import GREEN, ORANGE, PINK, RED, rgb
 from jssa_gym.types import Status
 
 WORDS = {
@@ -12,10 +13,10 @@ WORDS = {
 """What the shield does, in two words."""
 
 COLOURS = {
-    Status.NOMINAL: (0, 158, 115),
-    Status.PROJECTED: (230, 159, 0),
-    Status.RELAXED: (204, 121, 167),
-    Status.FAILSAFE: (213, 94, 0),
+    Status.NOMINAL: rgb(GREEN),
+    Status.PROJECTED: rgb(ORANGE),
+    Status.RELAXED: rgb(PINK),
+    Status.FAILSAFE: rgb(RED),
     Status.FAULT: (40, 40, 40),
 }
-"""Of Okabe and Ito's palette."""
+"""How it is coloured."""

@@ -23,7 +23,7 @@ SHORTEST_STAY = 0.05
 """Shortest stay at a place [s]: several steps of any environment, so that every leg is seen in a step of its own."""
 
 ROUNDING = 1e-9
-"""Of times that add up [s]."""
+"""Rounding of times that add up [s]."""
 
 
 def per_minute(deliveries: int, time: float) -> float:

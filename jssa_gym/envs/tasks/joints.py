@@ -25,12 +25,6 @@ _CLEAR = 0.05
 """Distance of the reference from table and self-collision [m]."""
 
 
-def within_limits(robot: RobotModel, positions: Array) -> bool:
-    """Whether joint positions, shape (..., n) [rad], lie inside the limits."""
-    low, high = robot.limits.position.T
-    return bool(np.all((low <= positions) & (positions <= high)))
-
-
 @dataclass(frozen=True, slots=True)
 class Home(Task):
     """Hold the home position: the paper's task. It never terminates on success."""
@@ -57,7 +51,7 @@ class Home(Task):
 
     def check_goal(self, goal: ArrayLike, robot: RobotModel) -> Array:
         position = real_array("goal", goal, (robot.n,), "a joint position [rad]")
-        if not within_limits(robot, position):
+        if not robot.limits.contain(position):
             raise ParameterError(f"the goal has to lie inside the position limits, got {goal!r}")
         return position
 
@@ -160,7 +154,7 @@ class Track(Task):
             count = 0
         shape = (max(count, 1), robot.n)
         waypoints = real_array("goal", goal, shape, f"waypoints (K, {robot.n}) [rad], K at least 1")
-        if not within_limits(robot, waypoints):
+        if not robot.limits.contain(waypoints):
             raise ParameterError(f"the waypoints of goal have to lie inside the position limits, got {goal!r}")
         return waypoints
 

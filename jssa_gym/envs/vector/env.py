@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from jssa_gym import robots
 from jssa_gym.envs.arm import DT, MOVING, ArmEnv
 from jssa_gym.envs.observation import bodies
 from jssa_gym.envs.tasks import Task
@@ -61,7 +62,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         human: Given | Sequence[Given] | None = None,
         dynamics: Literal["kinematic", "servo"] = "kinematic",
         scene: Literal["table", "floor"] = "table",
-        robot: str | Path | RobotModel = "lr_mate_200id_7l",
+        robot: str | Path | RobotModel = robots.DEFAULT,
         terminate_on: Sequence[str] = ("success", "moving_contact"),
         d_min: float = 0.05,
         dt: float = DT,
@@ -102,7 +103,7 @@ class VectorArmEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]):
         self.state = np.zeros((count, 3, n))
         """Joint states, rows position, velocity, acceleration."""
         self.time = np.zeros(count)
-        """Of each episode [s]."""
+        """Time of each episode [s]."""
         self._dts = np.full(count, self.dt)
         self._steps, self._held = np.zeros((2, count), np.int64)
         self._over = np.zeros(count, np.bool_)

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.envs.surroundings import capsules_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.humans import HUMANS, Crowd, HumanMotion, Nobody, Paced, Recorded, Steered, make_human, nobody
 from jssa_gym.humans.hand import Gesturer
@@ -54,7 +55,7 @@ class Beside:
     """
 
     def __init__(self, motion: HumanMotion, count: int, parts: int) -> None:
-        self._motion = motion
+        self._motion: Any = motion
         self.ends = np.zeros((count, 4, parts, 3))
         """Starts, ends and their velocities of human capsules, shape (E, 4, k, 3) [m, m/s]."""
         self.radius = np.zeros((count, parts))
@@ -91,7 +92,7 @@ class OneByOne(Beside):
 
     def step(self, live: Mask, dt: Array, segments: NDArray[Any], names: tuple[str, ...]) -> None:
         for e in np.flatnonzero(live):
-            robot = _capsules(segments[e], names) if segments.shape[1] else nobody()
+            robot = capsules_of(segments[e], names) if segments.shape[1] else nobody()
             people = self._motions[e].step(float(dt[e]), robot)
             self.ends[e], self.radius[e] = people[:4], people.radius
 
@@ -104,7 +105,7 @@ class Compiled(Beside, ABC):
     """
 
     layout: ClassVar[np.dtype[Any]]
-    """Of what is known of each arm's people."""
+    """Layout of what is known of each arm's people."""
 
     def __init__(self, motion: HumanMotion, count: int, parts: int) -> None:
         super().__init__(motion, count, parts)
@@ -112,8 +113,7 @@ class Compiled(Beside, ABC):
 
     def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
         super().begin(e, people, rng)
-        motion: Any = self._motion
-        self._records[e : e + 1] = motion.record
+        self._records[e : e + 1] = self._motion.record
 
     def step(self, live: Mask, dt: Array, segments: NDArray[Any], names: tuple[str, ...]) -> None:
         waiting = self._move(live, dt, segments, False)
@@ -140,8 +140,7 @@ class Drawing(Compiled):
 
     def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
         super().begin(e, people, rng)
-        motion: Any = self._motion
-        self._start[e], self._end[e] = motion.body.start, motion.body.end
+        self._start[e], self._end[e] = self._motion.body.start, self._motion.body.end
         self._rngs[e] = rng
 
     @property
@@ -168,8 +167,7 @@ class Walkers(Drawing):
         return walk_all(self._records, self._body, live, dt, segments, self.ends, self._waits, again)
 
     def _asked(self, who: NDArray[np.intp]) -> NDArray[np.int64]:
-        motion: Any = self._motion
-        return np.full(len(who), motion.draws)
+        return np.full(len(who), self._motion.draws)
 
 
 class Gesturers(Drawing):
@@ -183,8 +181,7 @@ class Gesturers(Drawing):
 
     def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
         super().begin(e, people, rng)
-        motion: Any = self._motion
-        self._limbs[e] = motion.limbs
+        self._limbs[e] = self._motion.limbs
 
     def _move(self, live: Mask, dt: Array, segments: NDArray[Any], again: bool) -> int:
         gestures = (self._records, self._limbs)
@@ -201,23 +198,22 @@ class RecordedPeople(Compiled):
 
     def __init__(self, motion: Recorded, count: int, parts: int) -> None:
         super().__init__(motion, count, parts)
-        self._recorded = motion
         self._samples = np.zeros((count, 2, 2, parts, 3))
         self._turn, self._way = np.zeros((count, 3, 3)), np.zeros((count, 3))
 
     def begin(self, e: int, people: CapsuleSet, rng: np.random.Generator | None) -> None:
         super().begin(e, people, rng)
-        one = self._recorded
+        one = self._motion
         self.ends[e], self._samples[e] = one.ends, one.samples
         self._turn[e], self._way[e] = one.placement
 
     def _move(self, live: Mask, dt: Array, segments: NDArray[Any], again: bool) -> int:
-        times = self._recorded.times
+        times = self._motion.times
         return play_all(self._records, times, self._samples, live, dt, self.ends, self._waits, again)
 
     def _supply(self, who: NDArray[np.intp]) -> None:
         wanted = self._records["sample"][who]
-        self._samples[who] = self._recorded.recording.ends_at(wanted, self._turn[who], self._way[who])
+        self._samples[who] = self._motion.recording.ends_at(wanted, self._turn[who], self._way[who])
         self._records["placed"][who] = wanted
 
 
@@ -291,11 +287,3 @@ def _in_python(motion: HumanMotion) -> bool:
     if isinstance(motion, Paced):
         return _in_python(motion.motion)
     return not isinstance(motion, (Nobody, Recorded, Walker, Gesturer))
-
-
-def _capsules(segments: NDArray[Any], names: tuple[str, ...]) -> CapsuleSet:
-    """An arm's capsules as reacting people see them; as of ``Surroundings.robot_capsules``."""
-    ends: list[Array] = [
-        segments[field].copy() for field in ("start", "end", "start_velocity", "end_velocity", "radius")
-    ]
-    return CapsuleSet(*ends, names, np.zeros(len(segments), np.int64))

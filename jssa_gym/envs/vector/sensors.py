@@ -32,7 +32,7 @@ class VectorSensors:
         self._arms = arms
         self._rngs = [np.random.default_rng(0)] * arms.num_envs
         self.lost: Mask = np.zeros(arms.num_envs, np.bool_)
-        """Of which arms nothing is seen at present, shape (E,)."""
+        """Which arms nothing is seen of at present, shape (E,)."""
 
     def begin(self, which: Mask) -> None:
         """Episodes of those arms, which have been reset, begin with what is seen of them now."""

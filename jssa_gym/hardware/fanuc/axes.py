@@ -70,4 +70,4 @@ class Tables:
 
 
 LR_MATE = Tables(VELOCITY_DEG, STREAM_ACCELERATION_DEG, STREAM_JERK_DEG)
-"""Of the LR Mate 200iD/7L, as ``lr_mate_200id_7l("stream")`` has them: the second set of limits beside the paper's."""
+"""Tables of the LR Mate 200iD/7L, as in ``lr_mate_200id_7l("stream")``: its second set of limits beside the paper's."""

@@ -5,7 +5,7 @@ import socket
 from typing import Protocol
 
 PORT = 60015
-"""Of Stream Motion."""
+"""Port of Stream Motion."""
 
 LARGEST = 2048
 """Bytes of a datagram that are read."""

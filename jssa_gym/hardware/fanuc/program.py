@@ -5,7 +5,7 @@ from typing import Any
 from jssa_gym.hardware.fanuc.packets import airo
 
 NAME = "STREAM_MOTN"
-"""Of the program on the controller."""
+"""Name of the program on the controller."""
 
 
 class Program:

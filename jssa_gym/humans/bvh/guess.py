@@ -34,7 +34,7 @@ _CALIBRATION_SPEED = 5.0
 """Speed at which no joint leaves, from one frame to the next, a pose in which somebody stood [m/s]."""
 
 _STRAIGHT, _LEVEL, _UPRIGHT = 0.985, 0.17, 0.95
-"""Of a T: length of a limb over that of its bones; sine of an arm's slope; cosine of a leg's, and between the arms."""
+"""A T: length of a limb over that of its bones; sine of an arm's slope; cosine of a leg's, and between arms."""
 
 Ends = Mapping[str, tuple[int, int]]
 """Indices of the joints that body parts start and end at."""

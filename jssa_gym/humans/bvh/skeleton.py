@@ -12,13 +12,13 @@ class Skeleton:
     """A BVH file as it is: its units, its axes."""
 
     names: tuple[str, ...]
-    """Of the joints, each after its parent."""
+    """Names of the joints, each after its parent."""
     parents: tuple[int, ...]
     """-1 for the root."""
     offsets: Array
-    """Of each joint in its parent's frame, shape (j, 3)."""
+    """Place of each joint in its parent's frame, shape (j, 3)."""
     channels: tuple[tuple[str, ...], ...]
-    """Of each joint, in their order."""
+    """Channels of each joint, in their order."""
     frames: Array
     """Values of all channels, shape (T, c); angles in degrees."""
     frame_time: float
@@ -26,7 +26,7 @@ class Skeleton:
     tip_parents: tuple[int, ...] = ()
     """Joint of each end site."""
     tip_offsets: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """Of each end site in its joint's frame, shape (k, 3)."""
+    """Place of each end site in its joint's frame, shape (k, 3)."""
 
     def positions(self) -> Array:
         """Where the joints are, by forward kinematics, shape (T, j, 3)."""

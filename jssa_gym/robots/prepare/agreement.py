@@ -4,7 +4,7 @@ import numpy as np
 
 from jssa_gym.kernels.chain import forward, place
 from jssa_gym.kernels.records import FRAME, SEGMENT, records
-from jssa_gym.robots.coverage import measured_geoms
+from jssa_gym.robots.coverage import ground_geoms, measured_geoms
 from jssa_gym.robots.mjcf import carrier_links
 from jssa_gym.robots.model import RobotModel
 from jssa_gym.robots.prepare.anatomy import zero_pose
@@ -49,16 +49,13 @@ def cover_of(arm: Examination, robot: RobotModel) -> float:
     slides at both ends of their way. 0 if all lies inside; links that the model says are uncovered do not count; inf
     if another one draws something and has no capsules.
     """
-    import mujoco
-
     model, joints = arm.source.model, list(arm.chain.joints)
     n, m = robot.n, len(robot.capsules)
     frames, segments = records(n, FRAME), records(m, SEGMENT)
     forward(robot.links, np.zeros((3, n)), frames)
     place(frames, robot.capsules, segments)
     carriers, measured = carrier_links(model, joints), measured_geoms(model, arm.anatomy.group)
-    kinds, worst = mujoco.mjtGeom, 0.0
-    grounds = np.isin(model.geom_type, (kinds.mjGEOM_PLANE, kinds.mjGEOM_HFIELD))
+    grounds, worst = ground_geoms(model), 0.0
     for i, name in enumerate(robot.joint_names):
         geoms = [g for g in range(model.ngeom) if carriers[int(model.geom_bodyid[g])] == i and not grounds[g]]
         if name in robot.uncovered or all(measured[g] for g in geoms):

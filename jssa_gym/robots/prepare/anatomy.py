@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.kernels.records import LINK, records
-from jssa_gym.robots.coverage import measured_geoms
+from jssa_gym.robots.coverage import ground_geoms, measured_geoms
 from jssa_gym.robots.mjcf import COLLISION_GROUP, carrier_links
 from jssa_gym.robots.prepare.chain import Chain, name_of, ranges
 from jssa_gym.robots.prepare.enclose import Enclosure, Solid, joined
@@ -166,7 +166,7 @@ def anatomy_of(model: "mujoco.MjModel", chain: Chain, tool: str | None = None, g
         said,
         group,
     )
-    still = [g for g in range(model.ngeom) if where[g] < 0 and not _ground(model)[g]]
+    still = np.flatnonzero((where < 0) & ~ground_geoms(model)).tolist()
     base = [g for g in still if int(model.geom_bodyid[g]) in parts or _under(model, data, g, arm)]
     others = tuple(model.geom(g).name or f"geom {g}" for g in still if g not in base)
     solid = _solid(model, poses[:1], np.array(base, int), np.zeros(3))
@@ -189,12 +189,6 @@ def _parts(model: "mujoco.MjModel", chain: Chain) -> set[int]:
     while model.body_parentid[body]:
         body = int(model.body_parentid[body])
     return {b for b in range(1, model.nbody) if model.body_rootid[b] == body}
-
-
-def _ground(model: "mujoco.MjModel") -> NDArray[np.bool_]:
-    import mujoco
-
-    return np.isin(model.geom_type, (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)))
 
 
 def _solid(

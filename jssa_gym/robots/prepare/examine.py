@@ -1,7 +1,7 @@
 """An arm's file from reading to a model that can be guarded: everything that is wrong with it, at once."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -130,9 +130,7 @@ def examine(path: str | Path, preparation: Preparation | None = None) -> Examina
         raise ParameterError(f"no link {unknown[0]!r}; there are {', '.join(_names(anatomy))}")
     if all(finding.fits for finding in findings):
         findings += _refused(source)
-    return Examination(
-        source, wanted, chain, anatomy, covers, column, excluded, home, limits, tuple(dict.fromkeys(findings))
-    )
+    return replace(looked, excluded=excluded, home=home, findings=tuple(dict.fromkeys(findings)))
 
 
 def _refused(source: ArmFile) -> list[FileFinding]:
