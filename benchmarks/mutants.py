@@ -1229,7 +1229,7 @@ MUTANTS = [
         "tick/joints.py",
         "if leapt and not settings.paced:",
         "if leapt:",
-        "came_late",
+        "further_along",
     ),
     _guard(
         "a doubled tick is held against the clock for good",
@@ -1238,7 +1238,7 @@ MUTANTS = [
         "        if True:\n            # what is",
         "doubled",
     ),
-    _guard("jitter makes people older", "tick/people.py", "    if settings.paced:", "    if False:", "jitter"),
+    _guard("jitter makes people older", "tick/people.py", "    if settings.paced:", "    if False:", "with_jitter"),
     _guard("any rate will do", "guard/clock.py", "if abs(self._off) <= TOLERANCE:", "if True:", "another_rate_than"),
     _guard("a rate may be off by half", "guard/clock.py", "TOLERANCE = 0.05", "TOLERANCE = 0.5", "another_rate_than"),
     _guard("half a tick late is on time", "guard/clock.py", "math.floor(passed + MISSED)", "round(passed)", "all_come"),

@@ -267,6 +267,21 @@ def test_a_tick_that_came_late_is_one_fault_and_the_arm_goes_on_from_where_it_wa
     assert run(guard, 1, begin=54)[0].status == Status.NOMINAL
 
 
+def test_after_a_late_tick_a_reading_further_along_the_stop_is_not_believed():
+    """Who is asked once a tick has commanded nothing in between: an arm that went on by itself is astray."""
+    guard = started()
+    before = run(guard, 51, measured=lambda guard: guard.state)[-1]
+    ahead = copy.deepcopy(guard)
+    for k in range(51, 54):
+        ahead.tick(None, nobody(), k * DT, ahead.state)
+    assert np.abs(ahead.state.position - before.position).max() > 5.0 * guard.state_tolerance[0]
+    late = guard.tick(JointVelocity(np.ones(6)), nobody(), 54 * DT, ahead.state)
+    assert late.status == Status.FAULT
+    out = np.empty((3, 6))
+    integrate(np.array(before[:3]), np.array(late.jerk), DT, out)
+    np.testing.assert_array_equal(out, late[:3])  # the stop's next tick, none is skipped
+
+
 def test_a_doubled_tick_is_one_fault():
     guard = started()
     run(guard, 50, people=ball())
@@ -321,6 +336,16 @@ def test_jitter_is_no_fault(jitter):
         assert answer.status != Status.FAULT, answer.reason
         gap = DT * (1.0 + jitter * rng.uniform(-1.0, 1.0))
         stamp, people = stamp + gap, human.step(gap, nobody())
+
+
+def test_with_jitter_who_is_as_fast_as_is_assumed_is_no_faster():
+    """Ticks go by their stamps: time that a late one makes up for would have people cover their way in less of it."""
+    guard, rng, stamp = started(), np.random.default_rng(0), 0.0
+    speed = guard.failsafe.human_speed
+    for _ in range(400):
+        answer = guard.tick(STILL, ball(3.0 + speed * stamp, speed, ("torso",)), stamp)
+        assert answer.status != Status.FAULT, answer.reason
+        stamp += DT * (1.0 + 0.3 * rng.uniform(-1.0, 1.0))
 
 
 @pytest.mark.parametrize(
