@@ -24,6 +24,7 @@ from jssa_gym.envs.faults import FAULTS
 from jssa_gym.evaluation.contenders import CONTENDERS, shielded
 from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.evaluation.study import put_filter
+from jssa_gym.shields.registry import UNSHIELDED
 from jssa_gym.storage import write_whole
 
 PEOPLE_TRIED = ("constant_velocity", "approach_retreat", "random", "walk_by", "pursuit", "hand", "feint", "two")
@@ -85,7 +86,7 @@ def jobs() -> list[Job]:
     for name, human, policy in product(CONTENDERS, ("pursuit", "hand"), ("wander", "chase")):
         fault = "stale joints" if name == "no_joint_check" else "latency 100 ms"
         found.append(Job("contender", name, human, policy, fault=fault))
-    return [job for job in found if job.shield != "none" or job.door != "contender"]
+    return [job for job in found if job.shield != UNSHIELDED or job.door != "contender"]
 
 
 def play(job: Job, episodes: int) -> list[tuple[str, list[int]]]:

@@ -1155,7 +1155,7 @@ MUTANTS = [
         "tick/proposals/exact.py",
         "CLOSE = -1e-6",
         "CLOSE = 1.0",
-        ROWS,
+        ("tests/shields/test_shield.py", "projected_jerk_is_the_nearest or keep_the_closest_pair"),
     ),
     # people who come and go
     _kernel(

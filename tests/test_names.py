@@ -28,6 +28,8 @@ from jssa_gym.shields import (
     make_filter,
     read_name,
 )
+from jssa_gym.shields.registry import UNSHIELDED
+from jssa_gym.viewer.choices import ShieldChoice
 
 ASSUMED = jssa_gym.FailsafeParams(human_speed=1.2, contact_speed={"right_arm": 0.1})
 
@@ -62,11 +64,10 @@ def test_a_name_means_the_same_to_everybody(name):
     assert settings(put_filter(arm(), name)) == told
     guarded = stop or bare == "stop"
     assert told[2:4] == (guarded, jssa_gym.FailsafeParams() if guarded else None)
-    if name != "none":  # which is no shield at all to campaigns, and was before there were names
-        assert settings(contender(name).wrap(arm(), jssa_gym.FailsafeParams())) == told
-        noisy = contender(name).wrap(arm(), ASSUMED).filter.failsafe
-        assert noisy == (ASSUMED if guarded else None)
-        assert contender(name).promises == guarded
+    assert settings(contender(name).wrap(arm(), jssa_gym.FailsafeParams())) == told
+    noisy = contender(name).wrap(arm(), ASSUMED).filter.failsafe
+    assert noisy == (ASSUMED if guarded else None)
+    assert contender(name).promises == guarded
     Study(("home",), (name,), ("none",), ("hold",))
     Grid((name,), ("none",), ("hold",))
 
@@ -87,10 +88,11 @@ def test_the_words_of_campaigns_and_the_classes_are_filters_too(word, name, shie
         assert settings(CONTENDERS[word].wrap(arm(), jssa_gym.FailsafeParams())) == told
 
 
-def test_none_is_no_shield_to_a_campaign():
+def test_none_is_a_filter_everywhere_and_no_shield_is_unshielded():
     env = arm()
-    assert contender("none").wrap(env, ASSUMED) is env
-    assert isinstance(Shield(env, "none").filter, NoFilter)
+    assert contender(UNSHIELDED).wrap(env, ASSUMED) is ShieldChoice(UNSHIELDED).around(env) is env
+    for shield in (Shield(env, "none"), contender("none").wrap(env, ASSUMED), ShieldChoice("none").around(env)):
+        assert isinstance(shield.filter, NoFilter)
 
 
 @pytest.mark.parametrize("task", ENTRIES)

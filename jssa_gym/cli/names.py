@@ -10,6 +10,7 @@ from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.policies import POLICIES, shipped_policies
 from jssa_gym.robots import MENAGERIE, ROBOTS
 from jssa_gym.shields import FILTERS, PROFILES, STOP, TASK_SHIELD
+from jssa_gym.shields.registry import UNSHIELDED
 
 
 def _says(text: str, names: Iterable[str]) -> object:
@@ -40,7 +41,7 @@ ROBOT = _says(
 SENSOR = _says("What the filter sees of the people, by name, where none is the truth", FAULTS)
 SHIELDS = _says(
     f"Shields by name, whole and weakened; filters by their own names too, bare or with {STOP} behind them; full is "
-    f"jssa{STOP}, published jssa_published, and none no shield at all, not the filter none",
+    f"jssa{STOP}, published jssa_published, and {UNSHIELDED} no shield at all",
     CONTENDERS,
 )
 OPPONENTS = _says("Policies by name", POLICIES)

@@ -29,6 +29,7 @@ from jssa_gym.evaluation.runner import finish
 from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
+from jssa_gym.shields.registry import UNSHIELDED
 from jssa_gym.storage import plain
 from jssa_gym.text import counted
 
@@ -134,7 +135,7 @@ class Stress:
 
 def _blocked(episodes: Sequence[StressRow]) -> str:
     """Why every decision of the whole campaign was a FAULT; empty if not every one was: some faults are to hold it."""
-    guarded = [episode for episode in episodes if episode.filter != "none"]
+    guarded = [episode for episode in episodes if episode.filter != UNSHIELDED]
     return commonest(e.first_fault for e in guarded) if all(e.faulty == e.steps for e in guarded) else ""
 
 

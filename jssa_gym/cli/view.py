@@ -46,7 +46,7 @@ class ViewCommand:
     """Who is there at first: dragged, by the mouse; or people by name or file as of jssa-gym evaluate."""
     policy: Annotated[str, POLICY] = "jpc"
     shields: tuple[str, ...] = (TASK_SHIELD,)
-    """One or two shields, by name as --filter of jssa-gym evaluate; none for no shield. Two are side by side."""
+    """One or two shields, by name as --filter of jssa-gym evaluate; unshielded for no shield. Two are side by side."""
     seed: int = 0
     """Of goals, people and policy."""
     out: Path = Path("view")

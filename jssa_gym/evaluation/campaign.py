@@ -31,6 +31,7 @@ from jssa_gym.evaluation.rows import Cell, Row, StressRow, digest_of, states_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, Policy
 from jssa_gym.robots import DEFAULT, RobotModel
+from jssa_gym.shields.registry import UNSHIELDED
 from jssa_gym.types import Status, Trace
 from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, whole_number
 
@@ -180,7 +181,7 @@ _GUARDS = (
 )
 
 PRESETS: dict[str, tuple[Grid, ...]] = {
-    "quick": (Grid(("full", "none"), _ATTACKERS, ("wander", "chase"), ("none", "all that is reported"), 1),),
+    "quick": (Grid(("full", UNSHIELDED), _ATTACKERS, ("wander", "chase"), ("none", "all that is reported"), 1),),
     "claim": (Grid(("full",), (*_CALM, *_ATTACKERS, "feint", "two"), ("hold", "constant", *_RESTLESS), REPORTED, 12),),
     "power": (
         Grid(
@@ -209,7 +210,7 @@ PRESETS: dict[str, tuple[Grid, ...]] = {
     ),
     "avoid": (
         Grid(
-            ("full", "jssa", "stop", "published", "none"),
+            ("full", "jssa", "stop", "published", UNSHIELDED),
             ("approach_retreat", "walk_by"),
             ("hold", "wander"),
             episodes=500,

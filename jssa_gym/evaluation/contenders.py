@@ -17,7 +17,7 @@ from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.shields import FILTERS, STOP, JSSAShield, Shield, read_name
 from jssa_gym.shields.jssa import JSSAFilter
 from jssa_gym.shields.offers import Offered
-from jssa_gym.shields.registry import PROFILES
+from jssa_gym.shields.registry import PROFILES, UNSHIELDED
 from jssa_gym.tick import loop
 from jssa_gym.tick.admit import GRADED, HALFWAY, WANTED
 from jssa_gym.tick.assumed import Assumed
@@ -164,7 +164,7 @@ CONTENDERS: dict[str, Contender] = {
     "stop": replace(_named("stop"), without="safety rows: more contacts at rest, more stored stops"),
     "jssa": _named("jssa"),
     "published": _named("jssa_published"),
-    "none": Contender(lambda env, params: env),
+    UNSHIELDED: Contender(lambda env, params: env),
     "lag": Contender(
         lambda env, params: JSSAShield(Late(env, _ticks(env, LAG)), failsafe=replace(params, actuation_lag=LAG)),
         promises=True,

@@ -21,6 +21,9 @@ STOP = "+stop"
 TASK_SHIELD = "shielded"
 """Name of the shield that a task's shielded id has, such as ``jssa_gym/HandoverShielded-v0``."""
 
+UNSHIELDED = "unshielded"
+"""Name of no shield at all, where shields are chosen by name; ``none`` is a shield whose filter changes nothing."""
+
 PUBLISHED_FORM: dict[str, Any] = {"rows": "closest", "gradient": "printed", "recovery": 0.0}
 """The paper's algorithm to the letter, as options of :class:`~jssa_gym.shields.jssa.JSSAFilter`."""
 

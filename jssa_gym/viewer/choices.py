@@ -13,14 +13,11 @@ from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import SafetyFilter, Shield, make_filter, read_name
-from jssa_gym.shields.registry import TASK_SHIELD
+from jssa_gym.shields.registry import TASK_SHIELD, UNSHIELDED
 from jssa_gym.validation import known_name, whole_number
 
 DRAGGED = "dragged"
 """Name of the person whom the mouse moves."""
-
-BARE = "none"
-"""Name of no shield at all."""
 
 PARAMETERS = ("lambda1", "lambda2", "d_min", "horizon")
 """Parameters of filters that can be changed on the page; each filter has some of them."""
@@ -37,7 +34,7 @@ class ShieldChoice:
     """A shield by name, with what is changed of it.
 
     Args:
-        name: As :func:`~jssa_gym.shields.read_name` reads it; or :data:`BARE` for no shield at all.
+        name: As :func:`~jssa_gym.shields.read_name` reads it; or ``"unshielded"`` for no shield at all.
         changes: Numbers by name, of :data:`PARAMETERS` and :data:`ASSUMPTIONS`; those that the shield has not are of no
             effect, so that they outlast a change of the name.
 
@@ -49,7 +46,7 @@ class ShieldChoice:
     changes: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        if self.name != BARE:
+        if self.name != UNSHIELDED:
             read_name(self.name)
         for name in self.changes:
             known_name("parameter", name, (*PARAMETERS, *ASSUMPTIONS))
@@ -58,7 +55,7 @@ class ShieldChoice:
     @property
     def whole(self) -> bool:
         """Whether viability box and verified stop are around it."""
-        return self.name != BARE and read_name(self.name).guarded
+        return self.name != UNSHIELDED and read_name(self.name).guarded
 
     def changed(self, name: str, value: float) -> "ShieldChoice":
         """The same shield with another number."""
@@ -70,7 +67,7 @@ class ShieldChoice:
         Raises:
             ParameterError: A number is out of range.
         """
-        if self.name == BARE:
+        if self.name == UNSHIELDED:
             return env
         shield = Shield(env, self.name)
         had = shield.filter

@@ -11,7 +11,8 @@ from jssa_gym.evaluation.people import PEOPLE
 from jssa_gym.policies import shipped_policies
 from jssa_gym.robots import ROBOTS
 from jssa_gym.shields import FILTERS, PROFILES, STOP, TASK_SHIELD
-from jssa_gym.viewer.choices import BARE, DRAGGED, Choices, ShieldChoice
+from jssa_gym.shields.registry import UNSHIELDED
+from jssa_gym.viewer.choices import DRAGGED, Choices, ShieldChoice
 from jssa_gym.viewer.gate import Check, Speech, number, one_of, switch
 from jssa_gym.viewer.scene import LAYERS, SHOWN
 from jssa_gym.viewer.session import FACTORS, Command
@@ -22,7 +23,7 @@ SHIELDS = (
     *(f"{name}{STOP}" for name in FILTERS if name not in ("stop", "none")),
     "stop",
     *(name for name in FILTERS if name not in ("stop", "none")),
-    BARE,
+    UNSHIELDED,
 )
 """Shields of the page: whole ones first."""
 

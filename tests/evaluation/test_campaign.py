@@ -46,7 +46,9 @@ from jssa_gym.humans import make_human
 from jssa_gym.policies import POLICIES
 
 TINY = Campaign(
-    (Grid(("full", "none"), ("pursuit", "hand"), ("wander",), ("none", "latency 100 ms"), 1),), steps=350, judge=0.3
+    (Grid(("full", "unshielded"), ("pursuit", "hand"), ("wander",), ("none", "latency 100 ms"), 1),),
+    steps=350,
+    judge=0.3,
 )
 
 
@@ -70,7 +72,7 @@ def test_a_campaign_plays_every_combination_and_the_unshielded_arm_collides(fini
     for e in episodes:
         assert e.steps == 350 == e.nominal + e.projected + e.relaxed + e.failsafe + e.faulty
         assert e.joint_speed > 0.05
-    unshielded, full = ([e for e in episodes if e.filter == name] for name in ("none", "full"))
+    unshielded, full = ([e for e in episodes if e.filter == name] for name in ("unshielded", "full"))
     assert any(e.moving_contact and e.contact_speed > 0.1 for e in unshielded)
     assert not any(e.moving_contact or e.violations or e.broken for e in full)
     assert any(e.contact for e in full)
@@ -215,7 +217,7 @@ def test_an_interrupt_leaves_what_was_played(finished, tmp_path):
 def test_seeds_are_the_same_for_all_shields_and_others_for_everything_else():
     seeds = Campaign(
         (
-            Grid(("full", "none"), ("hand", "pursuit"), ("hold", "wander"), ("none", "noise"), 3),
+            Grid(("full", "unshielded"), ("hand", "pursuit"), ("hold", "wander"), ("none", "noise"), 3),
             Grid(("stop",), ("pursuit",), ("wander",), ("noise",), 5),
         ),
         seed=7,
@@ -232,7 +234,7 @@ def test_seeds_are_the_same_for_all_shields_and_others_for_everything_else():
 
 def test_shields_meet_the_same_people_and_policies():
     campaign = Campaign(TINY.grids, steps=30)
-    one, other = (Player(campaign, Cell(name, "walk_by", "random", "noise")) for name in ("none", "full"))
+    one, other = (Player(campaign, Cell(name, "walk_by", "random", "noise")) for name in ("unshielded", "full"))
     first, second, another = one.record(5), other.record(5), one.record(6)
     np.testing.assert_array_equal(first.human_start, second.human_start)
     np.testing.assert_array_equal(first.nominal, second.nominal)
@@ -412,9 +414,9 @@ def test_what_mujoco_sees_between_ticks_counts():
         {"violations": 1},
     ):
         assert replace(episode, **change).broken
-        assert not replace(episode, filter="none", **change).broken
+        assert not replace(episode, filter="unshielded", **change).broken
         assert not replace(episode, human="pursuit x2", **change).broken
-    assert replace(episode, filter="none", agrees=False).broken
+    assert replace(episode, filter="unshielded", agrees=False).broken
     rows = tally([episode, replace(episode, judged=True, judged_speed=0.2, judged_excess=0.1)], ("filter", "human"))
     assert [(row.group, row.moving.k, row.violations.k, row.contact_speed, row.excess) for row in rows] == [
         (("full", "hand"), 1, 1, 0.2, 0.1)
@@ -422,7 +424,7 @@ def test_what_mujoco_sees_between_ticks_counts():
 
 
 def test_an_honest_episode_is_judged_alike(robot):
-    player = Player(Campaign(TINY.grids, steps=60), Cell("none", "hand", "wander", "noise"))
+    player = Player(Campaign(TINY.grids, steps=60), Cell("unshielded", "hand", "wander", "noise"))
     episode = player.measure(3)
     trace = player.record(3)
     judged = player.plan.judged(episode, trace, judge(trace, robot))

@@ -5,7 +5,8 @@ import pytest
 from pages import eventually
 
 from jssa_gym.cli.view import pictures
-from jssa_gym.viewer.choices import BARE, Choices, ShieldChoice
+from jssa_gym.shields.registry import UNSHIELDED
+from jssa_gym.viewer.choices import Choices, ShieldChoice
 
 pytestmark = [pytest.mark.browser, pytest.mark.long]
 
@@ -23,7 +24,7 @@ def quick():
     """Compile what a page needs before anybody looks at a clock."""
     from jssa_gym.viewer.session import Session
 
-    session = Session(Choices(shields=(ShieldChoice("yield"), ShieldChoice(BARE))))
+    session = Session(Choices(shields=(ShieldChoice("yield"), ShieldChoice(UNSHIELDED))))
     session.overlays = (True, True)
     session.step()
     session.snapshot()
@@ -94,7 +95,7 @@ def test_switches_change_what_they_say_and_two_shields_differ(open_page, visit, 
     tab.press("one step")
     eventually(lambda: page.runner.snapshot.number == number + 1)
     tab.tick("pause")
-    tab.pick("second shield", BARE)
+    tab.pick("second shield", UNSHIELDED)
     tab.tick("two side by side")
     eventually(lambda: len(page.runner.snapshot.arms) == 2)
     eventually(lambda: len(tab.distances()) == 2)

@@ -10,7 +10,8 @@ from pages import eventually
 pytest.importorskip("viser", reason="the extra 'viewer' is not installed")
 
 from jssa_gym.exceptions import StorageError
-from jssa_gym.viewer.choices import BARE, Choices, ShieldChoice
+from jssa_gym.shields.registry import UNSHIELDED
+from jssa_gym.viewer.choices import Choices, ShieldChoice
 
 
 def quiet(caplog):
@@ -34,7 +35,9 @@ def test_the_scene_follows_what_is_played(open_page, caplog):
     eventually(lambda: page.sent > 5)
     assert there(page, "/arm0/people/middle")
     assert not there(page, "/arm1")
-    page.runner.submit(lambda session: session.choose(Choices(shields=(ShieldChoice("yield"), ShieldChoice(BARE)))))
+    page.runner.submit(
+        lambda session: session.choose(Choices(shields=(ShieldChoice("yield"), ShieldChoice(UNSHIELDED))))
+    )
     eventually(lambda: there(page, "/arm1/people/middle"))
     both = {f"/arm{k}/people/{part}" for k in (0, 1) for part in ("middle", "ends")}
     eventually(lambda: set(page.speech.nodes) == both)

@@ -11,8 +11,9 @@ from jssa_gym.evaluation.trace import load_trace, save_trace
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.shields.registry import UNSHIELDED
 from jssa_gym.types import JointState
-from jssa_gym.viewer.choices import BARE, Choices, ShieldChoice
+from jssa_gym.viewer.choices import Choices, ShieldChoice
 from jssa_gym.viewer.overlays import PLACES, arm_capsules, reachable, swept_stop
 from jssa_gym.viewer.playback import Playback
 from jssa_gym.viewer.runner import Runner
@@ -54,7 +55,7 @@ def test_two_arms_are_beside_the_same_person(human):
 
 
 def test_a_shielded_arm_evades_who_is_dragged_into_it_and_a_bare_one_does_not():
-    seen = dragged_into_the_arm(session_of("yield", BARE, policy="random", task="home"))
+    seen = dragged_into_the_arm(session_of("yield", UNSHIELDED, policy="random", task="home"))
     shielded, bare = seen.arms
     assert shielded.moving_contacts == 0
     assert shielded.promised
@@ -162,7 +163,7 @@ def test_a_task_that_finds_no_goal_changes_nothing(monkeypatch):
     assert session.number == number + 2
 
 
-@pytest.mark.parametrize("open_one", [BARE, "jssa_published", "ssa", "jssa"])
+@pytest.mark.parametrize("open_one", [UNSHIELDED, "jssa_published", "ssa", "jssa"])
 def test_a_saved_policy_is_never_without_a_verified_stop(open_one):
     for shields in ((ShieldChoice(open_one),), (ShieldChoice("yield"), ShieldChoice(open_one))):
         with pytest.raises(ParameterError, match="verified stop"):
