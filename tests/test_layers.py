@@ -1,6 +1,7 @@
 """Who may import whom, read from the sources; and what ``import jssa_gym`` must not load."""
 
 import ast
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -44,7 +45,7 @@ HEAVY = {
     "websockets": ("viewer",),
     "mujoco": (
         *("headless", "robots.coverage", "robots.mjcf", "robots.model", "robots.prepare"),
-        *("robots.reading", "robots.serial", "envs.drawing", "envs.opengl", "envs.stage"),
+        *("robots.reading", "robots.serial", "envs.drawing", "envs.opengl", "envs.backdrop"),
         *("envs.window", "envs.world", "evaluation.oracle"),
     ),
     "glfw": ("envs.window",),
@@ -249,7 +250,11 @@ def test_a_docstring_says_what_something_is_before_what_it_is_of():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
                 first = (ast.get_docstring(node) or "None").split()[0]
-                told += (
-                    [f"{module}.{node.name}: {first} ..."] if first in ("Of", "In", "By", "At", "From", "For") else []
-                )
+                told += [f"{module}.{node.name}: {first}"] if first in ("Of", "In", "By", "At", "From", "For") else []
+            # an attribute's is the string behind it
+            body = node.body if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef) else []
+            for before, after in itertools.pairwise(body):
+                if isinstance(before, ast.Assign | ast.AnnAssign) and isinstance(after, ast.Expr):
+                    text = getattr(after.value, "value", None)
+                    told += [f"{module}: {text}"] if isinstance(text, str) and text.startswith("Of ") else []
     assert told == []

@@ -14,7 +14,7 @@ from jssa_gym.safety.condition import fastest_approach, needed_jerk
 from jssa_gym.types import Array
 
 _BINS = 8
-"""Of tip speed and of distance, equally wide."""
+"""Bins of tip speed and of distance, equally wide."""
 
 _AUTHORITY = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 """Lower ends of the bins of authority [m/s³]."""
@@ -139,7 +139,7 @@ class Census:
         """
         return float(_JERK[int(np.searchsorted(np.cumsum(self.jerk), level * self.states))])
 
-    def plain(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """The census as JSON can hold it, exactly."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return values | {
@@ -150,7 +150,7 @@ class Census:
 
     @classmethod
     def read(cls, plain: dict[str, Any]) -> Self:
-        """The census that :meth:`plain` has written.
+        """The census that :meth:`as_json` has written.
 
         Raises:
             KeyError, TypeError, ValueError: It is something else.

@@ -24,7 +24,7 @@ from jssa_gym.rates import Rate
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.condition import fastest_approach, needed_jerk
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.storage import plain, sha256
+from jssa_gym.storage import as_json, sha256
 from jssa_gym.validation import known_name, positive_integer, positive_number, whole_number
 
 _CHUNK = 50_000
@@ -107,10 +107,10 @@ class Certificate:
         """Whether the sufficient condition holds with the smallest jerk that was drawn."""
         return all(link.least_jerk >= self.needed_jerk for link in self.links)
 
-    def plain(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """The certificate as JSON can hold it."""
-        links = [plain({**plain(link), "margin": link.margin, "holds": link.holds}) for link in self.links]
-        return {**plain(self), "links": links, "holds": self.holds, "suffices": self.suffices}
+        links = [as_json({**as_json(link), "margin": link.margin, "holds": link.holds}) for link in self.links]
+        return {**as_json(self), "links": links, "holds": self.holds, "suffices": self.suffices}
 
 
 def _digest(robot: RobotModel) -> str:

@@ -143,4 +143,4 @@ class ChunkFile:
         Raises:
             StorageError: It cannot be written; nothing was added.
         """
-        append_whole(self.path, (json.dumps([key, census.plain()]) + "\n").encode())
+        append_whole(self.path, (json.dumps([key, census.as_json()]) + "\n").encode())

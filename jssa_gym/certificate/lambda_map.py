@@ -19,7 +19,7 @@ from jssa_gym.kernels.feasibility import probe
 from jssa_gym.rates import Rate
 from jssa_gym.robots import RobotModel, make_robot
 from jssa_gym.safety.index import IndexParams
-from jssa_gym.storage import plain
+from jssa_gym.storage import as_json
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name, low_high, positive_integer, positive_number, whole_number
 
@@ -76,9 +76,9 @@ class LambdaMap:
         """The allowed pair with the least :attr:`LambdaPair.cost`."""
         return min(self.allowed, key=lambda cell: cell.cost)
 
-    def plain(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """The map as JSON can hold it."""
-        return {**plain(self), "best": plain(self.best)}
+        return {**as_json(self), "best": as_json(self.best)}
 
 
 def sweep(

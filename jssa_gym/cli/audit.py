@@ -16,7 +16,7 @@ from jssa_gym.cli.names import FILTER, ROBOT
 from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.envs.arm import DT
 from jssa_gym.evaluation.audit import Audit, audit, read_log, read_person
-from jssa_gym.evaluation.audit.page import page, verdict
+from jssa_gym.evaluation.audit.page import page, summary_line
 from jssa_gym.evaluation.audit.result import write_safe_trajectory
 from jssa_gym.robots import DEFAULT, make_robot
 from jssa_gym.safety.failsafe import FailsafeParams
@@ -101,7 +101,7 @@ class AuditLog:
 
 def _show(found: Audit) -> None:
     console = Terminal(width=120)
-    console.say(verdict(found))
+    console.say(summary_line(found))
     logged, safe = found.totals()
     title = f"{found.log} beside {', '.join(found.people) or 'nobody'}"
     table = table_of("", "as logged", "with the shield", title=title)

@@ -16,7 +16,7 @@ from jssa_gym.evaluation.blocked import warning
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import JSSAShield
-from jssa_gym.storage import plain
+from jssa_gym.storage import as_json
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Bench:
 
     def _show(self, timings: list[Timing], first: tuple[float, float] | None, peer: str | None) -> None:
         if self.json:
-            result: dict[str, Any] = {"timings": plain(timings), "cbfpy": peer}
+            result: dict[str, Any] = {"timings": as_json(timings), "cbfpy": peer}
             if first:
                 result["first_use"] = {"compiling": first[0], "cached": first[1]}
             print(json.dumps(result, indent=2))

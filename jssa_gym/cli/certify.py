@@ -38,20 +38,20 @@ class Certify:
     """
 
     lambda1: float = DEFAULT.lambda1
-    """Of the index [m·s]."""
+    """λ₁ of the index [m·s]."""
     lambda2: float = DEFAULT.lambda2
-    """Of the index [m·s²]."""
+    """λ₂ of the index [m·s²]."""
     d_min: float = DEFAULT.d_min
     """Margin of the index [m]."""
     robot: str = robots.DEFAULT
     """Name of a robot, an MJCF file with its limits beside it, or a folder of jssa-gym robot check --write."""
     capsules: tuple[str, ...] = ()
-    """Of the robot; all that more than one joint moves if there is none."""
+    """Names of the robot; all that more than one joint moves if there is none."""
     domain: Annotated[Domain, tyro.conf.arg(name="")] = field(default_factory=Domain)
     states: int | None = None
     """How many of each capsule, 100,000 unless given; with --sweep of each capsule and pair, 5,000."""
     seed: int = 0
-    """Of the draws."""
+    """Seed of the draws."""
     search: bool = True
     """Whether to search for worse than was drawn, which takes longer than 100,000 draws."""
     out: Path = Path("certificate")
@@ -59,14 +59,14 @@ class Certify:
     sweep: bool = False
     """Draw the map of lambda1 and lambda2 instead, and name the pair that loses the fewest boundary states."""
     lambda1_range: tuple[float, float] = (0.5, 8.0)
-    """Of the map [m·s]."""
+    """λ₁ of the map, least and most [m·s]."""
     lambda2_range: tuple[float, float] = (0.05, 8.0)
-    """Of the map [m·s²]."""
+    """λ₂ of the map, least and most [m·s²]."""
     grid: int = 7
     """Values of either parameter in the map's first grid."""
     trigger: float | None = None
-    """Of the map: the best pair slows nobody down who is farther away than this [m]; the domain's largest distance
-    unless given."""
+    """Trigger of the map: the best pair slows nobody down who is farther away than this [m]; the domain's largest
+    distance unless given."""
     replay: Path | None = None
     """Play a counter-example's recording again instead: exit code 1 if it does not go as it was recorded."""
     workers: Annotated[Engine, tyro.conf.arg(name="")] = field(default_factory=Engine)
@@ -108,7 +108,7 @@ class Certify:
             console.say(f"stopped; the same command goes on from the counts in {self.out}")
             raise SystemExit(130) from None
         written = [self.out / "certificate.json"]
-        plain = found.plain() | _what_is_uncovered(robot)
+        plain = found.as_json() | _what_is_uncovered(robot)
         write_json(written[0], plain)
         for link in found.links:
             path = self.out / f"counterexample-{file_name(link.capsule)}.npz"
@@ -151,7 +151,7 @@ class Certify:
                 jobs=self.workers.chosen(),
                 progress=done,
             )
-        plain = swept.plain() | _what_is_uncovered(robot)
+        plain = swept.as_json() | _what_is_uncovered(robot)
         write_json(self.out / "map.json", plain)
         marked = {"asked about": (self.lambda1, self.lambda2), "the paper's": (PUBLISHED.lambda1, PUBLISHED.lambda2)}
         figure = plots.lambda_map(swept, marked)

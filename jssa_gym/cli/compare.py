@@ -22,7 +22,7 @@ from jssa_gym.evaluation.statistics import short
 from jssa_gym.evaluation.study import Study
 from jssa_gym.robots import DEFAULT
 from jssa_gym.robots.model import unpromised
-from jssa_gym.storage import plain
+from jssa_gym.storage import as_json
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Compare:
     humans: Annotated[tuple[str, ...], HUMAN] = ("walk_by", "approach_retreat")
     policies: Annotated[tuple[str, ...], POLICY] = ("jpc",)
     episodes: int = 20
-    """Of every combination."""
+    """Number of every combination."""
     seed: int = 0
     """First seed."""
     seconds: float = 8.0
@@ -122,10 +122,10 @@ def _plain(one: Standing) -> dict[str, object]:
     return {
         "filter": one.filter,
         **{key: value for key, value in one.pooled.as_dict().items() if key in ("episodes", "rates", "means")},
-        "rate_differences": plain(one.rates),
-        "mean_differences": plain(one.means),
+        "rate_differences": as_json(one.rates),
+        "mean_differences": as_json(one.means),
         "median_time_to_goal": median_time_to_goal(one.pooled),
-        "slowdown": plain(one.slowdown),
+        "slowdown": as_json(one.slowdown),
     }
 
 

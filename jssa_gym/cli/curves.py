@@ -12,7 +12,7 @@ from jssa_gym import plots
 from jssa_gym.cli.files import writable_folder, write_figure
 from jssa_gym.cli.terminal import Terminal, table_of
 from jssa_gym.exceptions import ParameterError
-from jssa_gym.storage import plain, write_json, write_whole
+from jssa_gym.storage import as_json, write_json, write_whole
 from jssa_gym.train.curves import MEASURES, LearningCurve, learning_curves
 
 _TITLES = ("trainings", "seeds", "policy steps", *MEASURES.values(), "of all episodes", "time of one")
@@ -27,13 +27,13 @@ class Curves:
     """
 
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Of trainings, as `jssa-gym train` leaves them, or with such in them, as `train --seeds` does."""
+    """Folders of trainings, as `jssa-gym train` leaves them, or with such in them, as `train --seeds` does."""
     labels: tuple[str, ...] = ()
     """One for every folder; folders of one label count together. By default the folders' names."""
     out: Path = Path("curves")
     """Folder for figure and tables."""
     resamples: int = 2000
-    """Of the bootstrap."""
+    """Draws of the bootstrap."""
     figure: bool = True
     """Draw the curves; it needs the extra plots."""
     json: bool = False
@@ -50,7 +50,7 @@ class Curves:
             plots.require()
         curves = learning_curves(list(zip(labels, self.folders, strict=True)), resamples=self.resamples)
         writable_folder(self.out, "curves.json")
-        data = plain(curves)
+        data = as_json(curves)
         write_json(self.out / "curves.json", data)
         rows = [_row(curve) for curve in curves]
         write_whole(self.out / "curves.md", _markdown(rows))

@@ -15,7 +15,7 @@ from jssa_gym.datasets import DESCRIBED, Recipe, read_digest, write_dataset
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import TASK_SHIELD
-from jssa_gym.storage import plain
+from jssa_gym.storage import as_json
 from jssa_gym.text import counted
 from jssa_gym.validation import known_name
 
@@ -45,7 +45,8 @@ class DatasetCommand:
     """Longest episode."""
     robot: Annotated[str, ROBOT] = DEFAULT
     name: str | None = None
-    """Of the data set, with namespace and version, such as mine/reach-v0; made of the names above if there is none."""
+    """Name of the data set, with namespace and version, such as mine/reach-v0; made of the names above if there is
+    none."""
     described: Annotated[str | None, _DESCRIBED] = None
     out: Path = Path("datasets")
     """Folder of data sets, which the environment variable MINARI_DATASETS_PATH tells Minari."""
@@ -73,7 +74,7 @@ class DatasetCommand:
             )
         same = made.digest == expected
         if self.json:
-            print(json.dumps({**plain(made), **({"as_described": same} if expected else {})}, indent=2))
+            print(json.dumps({**as_json(made), **({"as_described": same} if expected else {})}, indent=2))
         else:
             out = Terminal()
             told = f"{counted(made.episodes, 'episode')}, {made.steps:,} steps, {made.size / 1e6:.1f} MB"

@@ -26,7 +26,7 @@ from jssa_gym.humans import ApproachRetreat, HumanMotion
 from jssa_gym.policies import HoldPolicy, LearnedPolicy, Policy, load_policy
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields import JSSAShield
-from jssa_gym.storage import plain, write_json
+from jssa_gym.storage import as_json, write_json
 from jssa_gym.validation import positive_number, whole_number
 
 _SHIELDS: dict[str, Callable[[gym.Env], gym.Env]] = {
@@ -56,8 +56,8 @@ class Demo:
     policy: str | None = None
     """A trained policy, by name or file, on its own task beside that task's person, instead of the paper's scene."""
     seed: int | None = None
-    """Of a policy's episode; None: the first of 50 in which somebody touches the arm if nothing is between, or in which
-    somebody comes nearest."""
+    """Seed of a policy's episode; None: the first of 50 in which somebody touches the arm if nothing is between, or in
+    which somebody comes nearest."""
     seconds: float = 8.0
     """Length of an episode."""
     video: bool = True
@@ -94,7 +94,7 @@ class Demo:
                 env.close()
                 progress.advance(task)
             assert robot is not None
-            write_json(self.out / "metrics.json", plain(summaries))
+            write_json(self.out / "metrics.json", as_json(summaries))
             figure = plots.profile(traces, robot.limits, traces[0].d_min)
             write_figure(self.out / "profile.png", figure)
             written = ["metrics.json", "profile.png"]
@@ -103,7 +103,7 @@ class Demo:
                 look = {"pretty": self.pretty, "capsules": self.capsules}
                 save_film(self.out / written[-1], traces, robot, progress, **look)
         if self.json:
-            print(json.dumps(plain(summaries), indent=2))
+            print(json.dumps(as_json(summaries), indent=2))
         else:
             Terminal(width=100).print(_table(summaries, f", seed {seed}" if self.policy else ""))
         console.say(f"wrote {', '.join(str(self.out / name) for name in written)}")

@@ -16,7 +16,8 @@ class Engine:
     engine: Literal["local", "ray"] = "local"
     """Who runs them: this command itself, or Ray, which plays again what a worker had that died."""
     address: str | None = None
-    """Of a Ray cluster that runs already, all of whose processors count; without one --jobs are started here."""
+    """Address of a Ray cluster that runs already, all of whose processors count; without one --jobs are started
+    here."""
 
     def chosen(self) -> int | Cluster:
         """As evaluations and certificates take it.

@@ -30,7 +30,7 @@ from jssa_gym.evaluation.study import Evaluation, Study
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.robots.model import unpromised
-from jssa_gym.storage import plain, write_json
+from jssa_gym.storage import as_json, write_json
 from jssa_gym.text import counted
 
 
@@ -153,9 +153,9 @@ class Evaluate:
         if self.slowdown:
             nobody = replace(study, filters=("none",), humans=("none",), sensor=NO_SENSOR)
             lost = slowdown(report, play(nobody, self.out / "alone", self.workers.chosen(), 0)[0])
-            write_json(self.out / "slowdown.json", plain(lost))
+            write_json(self.out / "slowdown.json", as_json(lost))
         if self.json:
-            told = report.as_dict() | ({"slowdown": plain(lost)} if self.slowdown else {})
+            told = report.as_dict() | ({"slowdown": as_json(lost)} if self.slowdown else {})
             print(json.dumps(told, indent=2, allow_nan=False))
         else:
             _show(report)

@@ -30,7 +30,7 @@ _APART = 1.0
 """A contact that follows another one of the same episode sooner is not held again [s]."""
 
 WIDTH, HEIGHT, DIVIDER = 480, 400, 4
-"""Of a picture, and what is between two [pixels]."""
+"""Size of a picture, and what is between two [pixels]."""
 
 RULE = (108, 116, 126)
 

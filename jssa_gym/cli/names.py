@@ -27,7 +27,7 @@ FILTER = _says(
 HUMAN = _says("People by name, or a file .npz, .csv or .bvh", PEOPLE)
 OWN_HUMAN = _says("People by name, or a file .npz, .csv or .bvh; without any the task's own", PEOPLE)
 POLICY = _says("Policy by name, file .npz or .zip, or package.module:factory", (*POLICIES, *shipped_policies()))
-"""Of what is evaluated."""
+"""The policy that is evaluated."""
 
 TRUST = tyro.conf.arg(
     help="Have Stable-Baselines3 load a policy's .zip, which runs what is in it: only for files whose origin you know."
@@ -46,4 +46,4 @@ SHIELDS = _says(
 )
 OPPONENTS = _says("Policies by name", POLICIES)
 WRONG = _says("Faults by name", FAULTS)
-"""Of what is tried in campaigns, besides people."""
+"""Options of what is tried in campaigns, besides people."""

@@ -16,7 +16,7 @@ from jssa_gym.humans.files import Person, load
 from jssa_gym.humans.survey import height_of, lowest_of
 from jssa_gym.safety.failsafe import FailsafeParams
 from jssa_gym.safety.speeds import PartSpeed, legs_of_feet, part_speeds, sufficient, time_beyond
-from jssa_gym.storage import plain
+from jssa_gym.storage import as_json
 from jssa_gym.text import counted
 from jssa_gym.validation import positive_number
 
@@ -216,10 +216,10 @@ def _plain(person: Person, parts: list[PartSpeed], params: FailsafeParams) -> di
         "read_as": None
         if made is None
         else {"unit": made.unit, "up": made.up, "first_frame": made.first, "dropped": made.dropped},
-        "parts": plain(parts),
+        "parts": as_json(parts),
         "beyond": time_beyond(recording, params),
         "sufficient": sufficient(parts, params),
-        "legs_of_feet": plain(legs_of_feet(recording, params)),
+        "legs_of_feet": as_json(legs_of_feet(recording, params)),
         "outside": _outside(person),
-        "findings": plain(person.findings()),
+        "findings": as_json(person.findings()),
     }

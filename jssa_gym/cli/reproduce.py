@@ -22,7 +22,7 @@ from jssa_gym.paper.claims import PAPER, Claim, LambdaTable
 from jssa_gym.paper.experiments import SHIELDS
 from jssa_gym.paper.reported import COLUMNS, Measures
 from jssa_gym.safety.index import PUBLISHED
-from jssa_gym.storage import plain, write_json
+from jssa_gym.storage import as_json, write_json
 from jssa_gym.types import Trace
 
 if TYPE_CHECKING:
@@ -165,8 +165,10 @@ def _row(measures: Measures) -> list[float]:
 def _plain(result: Result) -> dict[str, Any]:
     """A result as JSON can hold it."""
     return {
-        "measured": plain(result.measured),
-        "claims": [{**plain(claim), "reproduced": claim.reproduced, "extent": claim.extent} for claim in result.claims],
+        "measured": as_json(result.measured),
+        "claims": [
+            {**as_json(claim), "reproduced": claim.reproduced, "extent": claim.extent} for claim in result.claims
+        ],
     }
 
 

@@ -22,7 +22,7 @@ from jssa_gym.exceptions import DisplayError, MissingExtraError, ParameterError
 from jssa_gym.humans import nobody
 from jssa_gym.robots import MENAGERIE, ROBOTS, RobotModel, guessed_limits, make_robot
 from jssa_gym.robots.prepare import Cover, Examination, Preparation, examine, write_prepared
-from jssa_gym.storage import plain
+from jssa_gym.storage import as_json
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def _plain(arm: Examination, proof: Proof | None) -> dict[str, Any]:
         "reach": arm.anatomy.reach,
         "home": arm.home,
         "limits_guessed": arm.limits.guessed,
-        "findings": [{**plain(one), "message": str(one)} for one in arm.findings],
+        "findings": [{**as_json(one), "message": str(one)} for one in arm.findings],
         "links": [
             {
                 "joint": cover.joint,
@@ -181,9 +181,9 @@ def _plain(arm: Examination, proof: Proof | None) -> dict[str, Any]:
             for cover in arm.covers
         ],
         "acceptable": arm.acceptable,
-        "proof": proof and {**plain(proof), "holds": proof.holds},
+        "proof": proof and {**as_json(proof), "holds": proof.holds},
     }
-    return plain(told)
+    return as_json(told)
 
 
 def _millimetres(metres: float) -> float:

@@ -30,7 +30,7 @@ from jssa_gym.evaluation.statistics import Rate
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import DEFAULT
 from jssa_gym.shields.registry import UNSHIELDED
-from jssa_gym.storage import plain
+from jssa_gym.storage import as_json
 from jssa_gym.text import counted
 
 
@@ -52,7 +52,7 @@ class Stress:
     policies: Annotated[tuple[str, ...], OPPONENTS] = ()
     faults: Annotated[tuple[str, ...], WRONG] = ()
     episodes: int | None = None
-    """Of every combination."""
+    """Number of every combination."""
     out: Path = Path("stress")
     """Folder for the results; a campaign that is there already is continued."""
     task: Annotated[str, TASK] = "home"
@@ -140,7 +140,7 @@ def _blocked(episodes: Sequence[StressRow]) -> str:
 
 
 def _plain(row: Tally, by: Sequence[str]) -> dict[str, Any]:
-    values = plain(row)
+    values = as_json(row)
     return {**dict(zip(by, values.pop("group"), strict=True)), **values}
 
 

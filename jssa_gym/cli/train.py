@@ -51,8 +51,8 @@ class Train:
 
     task: Annotated[str, TASK] = "reach"
     algorithm: Algorithm | None = None
-    """Of Stable-Baselines3; tqc of sb3-contrib; those with -lagrangian keep a limit on the cost, --set cost_limit=...
-    None: the one that was tuned for the task, else ppo."""
+    """Algorithm of Stable-Baselines3; tqc of sb3-contrib; those with -lagrangian keep a limit on the cost, --set
+    cost_limit=... None: the one that was tuned for the task, else ppo."""
     out: Path = Path("training")
     """Folder for everything; a training that is there already is continued."""
     robot: Annotated[str, ROBOT] = DEFAULT
@@ -76,7 +76,7 @@ class Train:
     steps: int | None = None
     """Policy steps; None: as tuned."""
     seed: int = 0
-    """Of everything that is drawn."""
+    """Seed of everything that is drawn."""
     seeds: int | None = None
     """Train so many times, with the seeds from --seed on, in seed-0, seed-1 and so on below --out; `jssa-gym curves`
     puts them together. A seed that fails is told of, and the others go on."""

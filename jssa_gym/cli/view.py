@@ -48,7 +48,7 @@ class ViewCommand:
     shields: tuple[str, ...] = (TASK_SHIELD,)
     """One or two shields, by name as --filter of jssa-gym evaluate; unshielded for no shield. Two are side by side."""
     seed: int = 0
-    """Of goals, people and policy."""
+    """Seed of goals, people and policy."""
     out: Path = Path("view")
     """Folder for films and episodes that are kept; those in it can be opened on the page."""
     port: int = PORT

@@ -31,7 +31,7 @@ FORMAT = "0.5.0"
 """The first version of Minari with this format; later ones read it."""
 
 _KEY = "jssa_gym"
-"""Of ours in the metadata."""
+"""Our part of the metadata."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jssa_gym.envs.backdrop import decorate
 from jssa_gym.envs.camera import Camera
 from jssa_gym.envs.drawing import Marks, add_to, solids
 from jssa_gym.envs.figures import Rounded
 from jssa_gym.envs.opengl import open_renderer
-from jssa_gym.envs.stage import decorate
 from jssa_gym.envs.window import Window
 from jssa_gym.exceptions import DisplayError, ParameterError, RobotModelError
 from jssa_gym.headless import choose_gl_backend

@@ -40,7 +40,7 @@ _BOXES = (
 """What distributions are drawn of."""
 
 _RANKED = ("success_and_safe", "moving_contact")
-"""Of what policies are compared in pairs."""
+"""Rates by which policies are compared in pairs."""
 
 _PAIRED = tuple(f"{name}_rate" for name in PAIRED_RATES)
 

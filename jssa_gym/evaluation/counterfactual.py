@@ -29,7 +29,7 @@ from jssa_gym.safety.postures import standing
 from jssa_gym.shields.reasons import OUTSIDE
 from jssa_gym.types import Array, Planes, Trace
 
-HORIZON = 1.0
+LOOKED_AT = 1.0
 """How long after its onset an intervention is judged [s]."""
 
 
@@ -59,7 +59,7 @@ def false_interventions(
             integrate(states[first], jerk, dt, after[i])
             plan_stop(after[i], bounds, dt, plans[i])
             unharmed[i] = keeps_limits(states[first], jerk, after[i], plans[i], bounds, dt)
-    late = np.arange(round(HORIZON / dt), dtype=np.float64) * dt
+    late = np.arange(round(LOOKED_AT / dt), dtype=np.float64) * dt
     position = np.empty((len(onsets), len(late), robot.n))
     along_stops(after, plans, dt, late, position)
     # from sample to sample no point of the arm, and none of a person, comes farther than this

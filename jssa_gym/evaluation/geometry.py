@@ -25,7 +25,7 @@ MOVING_IN = 1e-6
 
 
 _ENDS = ("start", "end", "start_velocity", "end_velocity")
-"""Of a capsule's axis, and how they move: fields of ``SEGMENT`` and ``AGENT``."""
+"""Ends of a capsule's axis, and how they move: fields of ``SEGMENT`` and ``AGENT``."""
 
 
 class Touches(NamedTuple):

@@ -13,7 +13,7 @@ from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.rows import Cell, EvaluationRow, Setting, StressRow
 from jssa_gym.evaluation.statistics import Mean, Rate, means
 from jssa_gym.robots.model import unpromised
-from jssa_gym.storage import plain, write_json
+from jssa_gym.storage import as_json, write_json
 from jssa_gym.text import counted
 from jssa_gym.types import Array
 from jssa_gym.validation import known_name
@@ -84,9 +84,9 @@ class Report:
         return {
             **self.setting._asdict(),
             "episodes": len(self.episodes),
-            "rates": plain(self.rates),
-            "means": plain(self.means),
-            "traces": plain(self.traces),
+            "rates": as_json(self.rates),
+            "means": as_json(self.means),
+            "traces": as_json(self.traces),
             "unlike": list(self.unlike),
             "warnings": list(self.warnings),
             **({"uncovered": list(self.uncovered)} if self.uncovered else {}),

@@ -35,7 +35,7 @@ svg .grid { stroke: #e3e6e8; } svg .label { font: 11px system-ui, sans-serif; fi
 code { background: #f3f5f6; padding: .1rem .3rem; border-radius: 3px; font-size: .85rem; }
 details { margin: .4rem 0; } summary { cursor: pointer; }
 """
-"""Of all pages."""
+"""Style of all pages."""
 
 
 class Markup(str):

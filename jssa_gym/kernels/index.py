@@ -83,7 +83,7 @@ class Approach(NamedTuple):
     d: float
     """Axis distance, held above 1 mm [m]."""
     rate: float
-    """Of the distance [m/s]."""
+    """Rate of the distance [m/s]."""
     curvature: float
     """Second derivative of the distance [m/s²]."""
     v_side: tuple[float, float, float]

@@ -48,7 +48,7 @@ SAFE, LIMITS, REACH, HALF_SPACE, STATIC, SELF, UNDECIDED, ENTRY = 0, 1, 2, 3, 4,
 """What a verification ends in."""
 
 NO_FACES, NO_PIECES = records(0, FACE), np.zeros(1, np.int64)
-"""Of no watched region."""
+"""Faces and pieces of no watched region."""
 
 
 @jit
@@ -207,7 +207,7 @@ class Around(NamedTuple):
     margin: float
     """Gap to keep from what stands still and from the arm itself [m]."""
     faces: NDArray = NO_FACES
-    """Of the watched region, see :mod:`~jssa_gym.kernels.region`."""
+    """Faces of the watched region, see :mod:`~jssa_gym.kernels.region`."""
     pieces: NDArray[np.int64] = NO_PIECES
     """Where those of each piece begin."""
     entry_reach: float = 0.0

@@ -7,8 +7,8 @@ import numpy as np
 from jssa_gym.safety.index import DEFAULT, IndexParams
 from jssa_gym.safety.pairs import ROWS, Rows
 from jssa_gym.shields.filter import SafetyFilter
-from jssa_gym.tick.proposals.fields import Repulsion, SlidingMode
 from jssa_gym.tick.proposals.pairs import reported
+from jssa_gym.tick.proposals.repulsion import Repulsion, SlidingMode
 from jssa_gym.tick.proposals.separation import ProtectiveDistance
 from jssa_gym.validation import check_fields, known_name, number_within, positive_number, share
 

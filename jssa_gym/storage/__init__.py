@@ -21,14 +21,14 @@ from jssa_gym.storage.files import (
     whole_lines,
     write_whole,
 )
-from jssa_gym.storage.plain import plain, write_json
+from jssa_gym.storage.json_files import as_json, write_json
 
 __all__ = [
     "append_whole",
+    "as_json",
     "file_name",
     "open_archive",
     "open_whole",
-    "plain",
     "read_array",
     "read_header",
     "read_member",

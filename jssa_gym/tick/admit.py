@@ -37,7 +37,8 @@ SOFT = 2
 """As many of the softest stops may stand behind an alternative; where there is but one hardness, that one."""
 
 FIRST, SECOND = np.int64(0), np.int64(1)
-"""Of the stops, by hardness; not written as 0 and 1, which would be types of their own to a compiled function."""
+"""Numbers of the stops, by hardness; not written as 0 and 1, which would be types of their own to a compiled
+function."""
 
 EASY = 0.05
 """Room to people from which on what a filter wants is not slowed down for their sake [m], see

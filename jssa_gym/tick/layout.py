@@ -77,7 +77,7 @@ class StepSettings(NamedTuple):
     """Whether the clock is that of whoever asks for decisions, one a tick, and right while it goes on; else it is the
     scene's, which is not believed, once it has lagged, until it has caught up with the decisions."""
     faces: NDArray = NO_FACES
-    """Of the watched region, see :mod:`~jssa_gym.kernels.region`; without one nobody may come or go."""
+    """Faces of the watched region, see :mod:`~jssa_gym.kernels.region`; without one nobody may come or go."""
     pieces: NDArray[np.int64] = NO_PIECES
     """Where those of each piece begin, shape (pieces + 1,)."""
     entry_speed: float = 0.0

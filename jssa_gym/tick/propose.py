@@ -22,9 +22,9 @@ from jssa_gym.tick.proposals.energy import (
     sublevel_rows,
 )  # fmt: skip
 from jssa_gym.tick.proposals.exact import ExactRows, after_exact, exact, look_ahead, people_ahead
-from jssa_gym.tick.proposals.fields import Repulsion, SlidingMode, repulsion, sliding_mode
 from jssa_gym.tick.proposals.nothing import Nothing, keep_nominal
 from jssa_gym.tick.proposals.printed import PrintedRows, after_printed, printed, unforeseen
+from jssa_gym.tick.proposals.repulsion import Repulsion, SlidingMode, repulsion, sliding_mode
 from jssa_gym.tick.proposals.rows import PROJECT, after_rows, project
 from jssa_gym.tick.proposals.separation import ProtectiveDistance, separation
 

@@ -19,7 +19,7 @@ LearnFrom = Literal["policy", "executed", "penalty", "both"]
 Control = Literal["jerk", "velocity", "position", "tip"]
 
 LARGEST_SEED = 2**32 - 1
-"""Of a training; what torch and numpy take."""
+"""Largest seed of a training; what torch and numpy take."""
 
 EVALUATION_SEED = 1_500_000_000
 """First seed of the evaluations during a training."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from jssa_gym.evaluation.report import Report
 from jssa_gym.exceptions import CheckpointError
-from jssa_gym.storage import plain, write_json, write_whole
+from jssa_gym.storage import as_json, write_json, write_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Leg:
     interventions: float
     """Mean share of control steps in which the shield changed the jerk."""
     eval_success: float
-    """Of the evaluation at its end: share with success."""
+    """Share with success of the evaluation at its end."""
     eval_safe: float
     """Share with success, nobody nearer than d_min and no limit exceeded."""
     eval_collisions: int
@@ -105,7 +105,7 @@ class EpisodeCounter:
 
 def as_rows(history: tuple[Leg, ...]) -> list[dict[str, Any]]:
     """A history as JSON can hold it: None for what is not there."""
-    return plain(history)
+    return as_json(history)
 
 
 def from_rows(rows: list[dict[str, Any]]) -> tuple[Leg, ...]:

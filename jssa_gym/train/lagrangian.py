@@ -46,7 +46,7 @@ class CostLimit:
     """How much cost there may be, and how fast a multiplier answers."""
 
     share: float
-    """Of the control steps, those in which somebody may be nearer than d_min."""
+    """Share of the control steps in which somebody may be nearer than d_min."""
     rate: float
     """By how much the multiplier rises in 1,000 policy steps with twice the cost, or falls in as many with none."""
     ticks: int

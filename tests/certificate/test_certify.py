@@ -136,13 +136,13 @@ def test_a_batch_is_bitwise_its_single_states():
 
 def test_the_counts_do_not_depend_on_threads_or_on_who_ends_first():
     chunks = [StateChunk(boundary(capsule=name), k, 1500, 7) for name in ("elbow", "wrist_tool") for k in range(3)]
-    serial = {chunk.key: census.plain() for chunk, census in run(chunks, 1)}
-    threaded = {chunk.key: census.plain() for chunk, census in run(chunks[::-1], 3)}
+    serial = {chunk.key: census.as_json() for chunk, census in run(chunks, 1)}
+    threaded = {chunk.key: census.as_json() for chunk, census in run(chunks[::-1], 3)}
     assert serial == threaded
     assert len({json.dumps(plain) for plain in serial.values()}) == 6
     one = certify(ROBOT, PAPER, capsules=("elbow",), states=1500, seed=7, search=False)
     other = certify(ROBOT, PAPER, capsules=("elbow",), states=1500, seed=7, search=False, jobs=2)
-    assert one.plain() == other.plain()
+    assert one.as_json() == other.as_json()
     assert one.links[0].infeasible.k == serial["elbow", 0, 1500]["infeasible"]
 
 
@@ -151,8 +151,8 @@ def test_censuses_add_up():
     looks, draws = link.sample(3000, np.random.default_rng(5))
     halves = [looks.pick(np.arange(1500)), looks.pick(np.arange(1500, 3000))]
     whole, total = Census.of(link, looks, draws), Census.total(Census.of(link, half, draws // 2) for half in halves)
-    assert whole.plain() == {**total.plain(), "draws": draws}
-    assert Census.read(json.loads(json.dumps(whole.plain()))).plain() == whole.plain()
+    assert whole.as_json() == {**total.as_json(), "draws": draws}
+    assert Census.read(json.loads(json.dumps(whole.as_json()))).as_json() == whole.as_json()
     outside = looks.rate < fastest_approach(PAPER, looks.distance)
     assert whole.outside == outside.sum() > 0
     assert whole.infeasible_inside == (looks.infeasible & ~outside).sum() < whole.infeasible
@@ -184,7 +184,7 @@ def test_an_arm_with_much_authority_at_rest_is_kept_even_after_a_search():
     assert link.worst.ahead > link.worst_drawn
     assert link.part is not None
     assert link.part.states == 500
-    assert found.plain()["holds"]
+    assert found.as_json()["holds"]
 
 
 def test_a_part_that_withstood_its_search_holds_no_state_that_was_found_before():
@@ -247,7 +247,7 @@ def test_shares_add_up():
         assert sum(share.infeasible for share in shares) == link.infeasible.k > 0
     assert [share.low for share in link.by.authority] == [0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0]
     assert len(link.by.tip_speed) == len(link.by.distance) == 8
-    plain = certify(ROBOT, PAPER, capsules=("elbow",), states=1000, search=False).plain()["links"][0]
+    plain = certify(ROBOT, PAPER, capsules=("elbow",), states=1000, search=False).as_json()["links"][0]
     assert plain["by"]["tip_speed"][0].keys() == {"low", "states", "infeasible"}
     assert plain["sampled_part"]["states"] == link.sampled_part.states
 
@@ -387,7 +387,7 @@ def test_a_state_of_another_robot_is_an_error(shoulder, toy_robot):
 def test_an_interrupted_certificate_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr("jssa_gym.certificate.certify._CHUNK", 500)
     asked = {"domain": SLOW, "capsules": ("wrist_tool",), "seed": 2, "search": False}
-    whole = certify(ROBOT, PAPER, states=600, **asked).plain()
+    whole = certify(ROBOT, PAPER, states=600, **asked).as_json()
     seen = []
 
     def stop(count):
@@ -402,7 +402,7 @@ def test_an_interrupted_certificate_goes_on(tmp_path, monkeypatch):
         half.write('[["wrist_tool", 1, 100], {"sta')
     counted = []
     again = certify(ROBOT, PAPER, states=600, folder=tmp_path, progress=counted.append, **asked)
-    assert again.plain() == whole
+    assert again.as_json() == whole
     assert counted == [500, 100]
     # what was cut off has gone, and everything is there
     assert [json.loads(line)[0] for line in file.read_text().splitlines()[1:]] == [
@@ -427,7 +427,7 @@ def test_an_interrupted_certificate_goes_on(tmp_path, monkeypatch):
         assert file.read_text() == mine
     # a crash may have cut the first line off as well
     file.write_text(first[:40])
-    assert certify(ROBOT, PAPER, states=600, folder=tmp_path, **asked).plain() == whole
+    assert certify(ROBOT, PAPER, states=600, folder=tmp_path, **asked).as_json() == whole
 
 
 @pytest.mark.parametrize(

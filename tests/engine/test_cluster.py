@@ -43,7 +43,7 @@ def test_a_cluster_counts_the_same_as_this_process(tmp_path):
 
 def test_certificates_too():
     options = {"capsules": ("elbow",), "states": 300, "search": False}
-    assert certify(**options).plain() == certify(**options, jobs=TWO).plain()
+    assert certify(**options).as_json() == certify(**options, jobs=TWO).as_json()
 
 
 def test_the_map_of_lambdas_too():
@@ -51,7 +51,7 @@ def test_the_map_of_lambdas_too():
     told = []
     here = sweep(**options, progress=told.append)
     assert sum(told) == 0  # every pair that was to come is told of
-    assert here.plain() == sweep(**options, jobs=TWO).plain() == sweep(**options, jobs=2).plain()
+    assert here.as_json() == sweep(**options, jobs=TWO).as_json() == sweep(**options, jobs=2).as_json()
 
 
 @pytest.mark.parametrize("jobs", [TWO, 2], ids=["ray", "processes"])

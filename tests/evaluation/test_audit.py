@@ -13,7 +13,7 @@ import pytest
 from jssa_gym.envs.arm import ArmEnv
 from jssa_gym.evaluation.audit import PersonTrack, RobotLog, audit, read_log, read_person
 from jssa_gym.evaluation.audit.motion import gaps_of, stretches
-from jssa_gym.evaluation.audit.page import page, verdict
+from jssa_gym.evaluation.audit.page import page, summary_line
 from jssa_gym.evaluation.audit.result import FIGURES, write_safe_trajectory
 from jssa_gym.evaluation.audit.shadow import plan_of
 from jssa_gym.evaluation.geometry import geometry
@@ -150,7 +150,7 @@ def test_without_people_nothing_is_in_the_way():
     assert found.closest(0) is None
     assert not found.interventions
     assert found.lateness == pytest.approx(0.0, abs=1e-9)
-    assert "would not have intervened" in verdict(found)
+    assert "would not have intervened" in summary_line(found)
     np.testing.assert_allclose(found.stretches[0].safe.position, trace.position, atol=1e-6)
 
 

@@ -54,7 +54,7 @@ def page(audit: Audit, command: str) -> str:
         tag("h1", f"Audit of {audit.log}"),
         tag("p", f"Robot {audit.robot}, people: {people}. Shield {audit.filter}, control step {audit.dt:g} s."),
         tag("p", tag("code", command)),
-        tag("h2", verdict(audit)),
+        tag("h2", summary_line(audit)),
         note(_READING),
         tag("h2", "As logged, and with the shield"),
         _figures(audit),
@@ -73,7 +73,7 @@ def page(audit: Audit, command: str) -> str:
     return document(f"Audit of {audit.log}", parts)
 
 
-def verdict(audit: Audit) -> str:
+def summary_line(audit: Audit) -> str:
     """The answer in one line."""
     found, late = audit.interventions, audit.lateness
     if not found:

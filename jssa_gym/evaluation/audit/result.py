@@ -13,7 +13,7 @@ from jssa_gym.evaluation.audit.motion import Gap
 from jssa_gym.evaluation.metrics import Summary
 from jssa_gym.evaluation.spans import spans
 from jssa_gym.safety.failsafe import FailsafeParams
-from jssa_gym.storage import plain, write_whole
+from jssa_gym.storage import as_json, write_whole
 from jssa_gym.types import Array, Status, Trace
 
 _APART = 0.2
@@ -186,7 +186,7 @@ class Audit:
                 for one in self.stretches
             ],
         }
-        return plain(told)
+        return as_json(told)
 
 
 def _figures(summary: Summary) -> dict[str, float | bool | None]:

@@ -31,14 +31,14 @@ JOINTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
 }
 """The joints that a body part starts and ends at, by the names that they have in common skeletons; the first that is
-there counts. Names are compared as :func:`plain` makes them."""
+there counts. Names are compared as :func:`normalised` makes them."""
 
 _BEGINNING = re.compile(r"[^ _.-]+[ _.-]+")
 
 _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 
 
-def plain(name: str) -> str:
+def normalised(name: str) -> str:
     """A joint's name without case, separators and leading zeros, its side written out in front.
 
     ``R UpperArm``, ``upper_arm.R``, ``rUpperArm`` and ``RightUpperArm`` are all ``rightupperarm``.
@@ -49,8 +49,8 @@ def plain(name: str) -> str:
     return side + "".join(rest)
 
 
-def plain_names(skeleton: Skeleton) -> list[str]:
-    """Names of a skeleton's joints as :func:`plain` makes them, without what most of them begin with.
+def normalised_names(skeleton: Skeleton) -> list[str]:
+    """Names of a skeleton's joints as :func:`normalised` makes them, without what most of them begin with.
 
     That is whose they are: ``mixamorig:``, ``Bip01 ``, ``Character1_``, or a person's own name.
     """
@@ -59,7 +59,7 @@ def plain_names(skeleton: Skeleton) -> list[str]:
         begun = Counter(match.group() for name in names if (match := _BEGINNING.match(name)))
         whose, count = begun.most_common(1)[0] if begun else ("", 0)
         if 2 * count <= len(names) or len(names) == 1:
-            return [plain(name) for name in names]
+            return [normalised(name) for name in names]
         names = [name.removeprefix(whose) for name in names]
 
 
@@ -74,13 +74,13 @@ def ends_of(skeleton: Skeleton, part: str, chosen: tuple[str, str] | None = None
     Raises:
         RecordingError: There is none; the message lists those that are there.
     """
-    ours, exact = plain_names(skeleton), [name.rsplit(":", 1)[-1].casefold() for name in skeleton.names]
+    ours, exact = normalised_names(skeleton), [name.rsplit(":", 1)[-1].casefold() for name in skeleton.names]
     found = []
     for names in JOINTS[part] if chosen is None else ((chosen[0],), (chosen[1],)):
         known = [name.rsplit(":", 1)[-1] for name in names]
         index = next((exact.index(name.casefold()) for name in known if name.casefold() in exact), None)
         if index is None:
-            index = next((ours.index(plain(name)) for name in known if plain(name) in ours), None)
+            index = next((ours.index(normalised(name)) for name in known if normalised(name) in ours), None)
         if index is None:
             raise RecordingError(
                 f"no joint {' or '.join(names)} for {part}; name one in joints, out of: {', '.join(skeleton.names)}"

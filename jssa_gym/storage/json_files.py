@@ -12,7 +12,7 @@ import numpy as np
 from jssa_gym.storage.files import write_whole
 
 
-def plain(value: Any) -> Any:
+def as_json(value: Any) -> Any:
     """A value as JSON can hold it: dataclasses and named tuples by field, arrays as lists; what is not finite is null.
 
     Properties are not said, and what is of no such kind stays as it is.
@@ -24,9 +24,9 @@ def plain(value: Any) -> Any:
     elif isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
+        return {str(key): as_json(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
+        return [as_json(entry) for entry in value]
     if isinstance(value, Path):
         return str(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""The stage of every picture: floor, table, lights and background, none of which collides."""
+"""The backdrop of every picture: floor, table, lights and background, none of which collides."""
 
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def decorate(spec: "mujoco.MjSpec", table: float | None, pretty: bool, width: int, height: int) -> None:
-    """Add the stage to a model.
+    """Add the backdrop to a model.
 
     Args:
         spec: Of the model.
