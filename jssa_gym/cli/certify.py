@@ -46,7 +46,7 @@ class Certify:
     robot: str = robots.DEFAULT
     """Name of a robot, an MJCF file with its limits beside it, or a folder of jssa-gym robot check --write."""
     capsules: tuple[str, ...] = ()
-    """Names of the robot; all that more than one joint moves if there is none."""
+    """Names of the capsules; all that more than one joint moves if there is none."""
     domain: Annotated[Domain, tyro.conf.arg(name="")] = field(default_factory=Domain)
     states: int | None = None
     """How many of each capsule, 100,000 unless given; with --sweep of each capsule and pair, 5,000."""

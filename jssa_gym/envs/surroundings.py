@@ -50,10 +50,13 @@ class Surroundings:
     """
 
     def __init__(self, robot: RobotModel, parts: int) -> None:
-        limits, (low, high), zero = robot.limits, robot.limits.position.T, np.zeros(robot.n)
+        limits, zero = robot.limits, np.zeros(robot.n)
         self._robot, self._zero = robot, zero
-        swung = (low - OVER_POSITION, high + OVER_POSITION, (1.0 + OVER_VELOCITY) * limits.velocity)
-        self._servo_bounds = np.array([*swung, np.full(robot.n, np.inf), limits.jerk])
+        self._servo_bounds = over = limits.bounds()
+        over[0] -= OVER_POSITION
+        over[1] += OVER_POSITION
+        over[2] *= 1.0 + OVER_VELOCITY
+        over[3] = np.inf
         self._body = MeasuredArm(
             # copies: to kernels arrays for reading alone are of another type, and those of a copy are none
             np.array(robot.links),

@@ -1,4 +1,9 @@
-"""Robots: read from MJCF, limits with their sources."""
+"""Robots: read from MJCF, limits with their sources.
+
+A new arm is an MJCF file and its ``.limits.toml`` in ``assets/``, and a name in ``ROBOTS``; the paper's has a module
+of its own, for its two sets of limits. ``limits`` reads such files, ``model`` has ``JointLimits`` and ``RobotModel``,
+``prepare`` takes anybody's file, ``menagerie`` those of MuJoCo Menagerie.
+"""
 
 import functools
 from collections.abc import Callable

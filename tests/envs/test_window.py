@@ -9,6 +9,7 @@ import sys
 
 import gymnasium as gym
 import pytest
+from places import PATIENCE
 
 import jssa_gym  # noqa: F401  # registers the ids
 from jssa_gym.envs import ArmEnv
@@ -43,7 +44,7 @@ def elsewhere(script, **variables):
         name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")
     }
     command = [sys.executable, "-W", "error", "-c", script]
-    return subprocess.run(command, env=kept | variables, capture_output=True, text=True, check=False, timeout=300)
+    return subprocess.run(command, env=kept | variables, capture_output=True, text=True, check=False, timeout=PATIENCE)
 
 
 SHOWN = """

@@ -388,7 +388,6 @@ def test_random_walk_changes_gently_and_stays_in_its_region():
     ids=str,
 )
 @pytest.mark.parametrize("acceleration", [None, 3.0, 0.5])
-@pytest.mark.timeout(300)
 def test_other_random_walks_keep_their_promises_too(arguments, acceleration):
     try:
         motion = RandomWalk(**arguments, acceleration=acceleration)
@@ -405,7 +404,6 @@ def test_other_random_walks_keep_their_promises_too(arguments, acceleration):
         assert y_low - 1e-9 <= path[:, 1].min() <= path[:, 1].max() <= y_high + 1e-9
 
 
-@pytest.mark.timeout(300)
 def test_a_region_too_small_to_walk_in_is_refused():
     with pytest.raises(ParameterError, match="region"):
         RandomWalk(region=((0.65, 0.70), (0.0, 0.01))).reset(np.random.default_rng(0))

@@ -13,6 +13,7 @@ import pytest
 from numba import config, njit, typeof
 from numba.core import event
 from numba.core.errors import TypingError
+from places import PATIENCE
 
 from jssa_gym.envs import ArmEnv
 from jssa_gym.kernels import compiled, second
@@ -71,7 +72,7 @@ def run(source: str, cache: Path, **environment: str) -> list[str]:
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", source],
         env={**os.environ, "NUMBA_CACHE_DIR": str(cache), **environment},
-        capture_output=True, text=True, check=False, timeout=240,
+        capture_output=True, text=True, check=False, timeout=PATIENCE,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.split()

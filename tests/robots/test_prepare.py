@@ -11,6 +11,7 @@ import pytest
 from robots_arms import HEAD, chain, gripper, link, two_arms, urdf
 
 import jssa_gym
+from jssa_gym.certificate.boundary import Domain
 from jssa_gym.cli.certify import Certify
 from jssa_gym.cli.compare import Compare
 from jssa_gym.cli.evaluate import Evaluate
@@ -338,7 +339,7 @@ def test_reports_certificates_and_pages_say_of_which_links_nothing_is_promised(s
     assert "uncovered" not in str(covered)
     # a certificate
     with contextlib.suppress(SystemExit):  # whether it holds
-        Certify(robot=folder, states=50, search=False, authority=0.0, out=tmp_path / "certified").run()
+        Certify(robot=folder, states=50, search=False, domain=Domain(authority=0.0), out=tmp_path / "certified").run()
     assert told in " ".join(capsys.readouterr().out.split())
     assert json.loads((tmp_path / "certified" / "certificate.json").read_text())["uncovered"] == ["link 3 joint"]
 

@@ -65,7 +65,6 @@ FORGED = {
 }
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("how", FORGED)
 def test_a_forged_manifest_is_refused(how, folder):
     one = newest(folder)
