@@ -137,14 +137,14 @@ def test_compare_says_which_combination_and_fails(capsys, tmp_path):
 def test_stress_judges_the_whole(capsys, tmp_path, monkeypatch):
     options = {"humans": ("pursuit",), "policies": ("hold",), "episodes": 1, "seconds": 0.2, "judge": 0.0}
     # a fault that holds the arm by design, among others
-    Stress(filters=("full", "none"), faults=("none", "partial body"), out=tmp_path / "one", **options).run()
+    Stress(filters=("full", "unshielded"), faults=("none", "partial body"), out=tmp_path / "one", **options).run()
     assert "warning" not in capsys.readouterr().err
     break_jssa(monkeypatch)
-    fails(Stress(filters=("full", "none"), faults=("none", "partial body"), out=tmp_path / "two", **options))
+    fails(Stress(filters=("full", "unshielded"), faults=("none", "partial body"), out=tmp_path / "two", **options))
     assert "every decision was a FAULT" in told(capsys)
     assert len((tmp_path / "two" / "episodes.csv").read_text().splitlines()) == 5
     # nobody was to decide
-    Stress(filters=("none",), faults=("none",), out=tmp_path / "three", **options).run()
+    Stress(filters=("unshielded",), faults=("none",), out=tmp_path / "three", **options).run()
 
 
 @pytest.mark.long
