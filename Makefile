@@ -3,7 +3,7 @@ PYTHON ?= .venv/bin/python
 
 .PHONY: fast test lint format docs site tables
 
-fast: ## all tests but the long ones: about three minutes on two cores
+fast: ## all tests but the long ones: under two minutes on two quiet cores
 	$(PYTHON) -m pytest -q -n auto -m "not slow and not long"
 
 test: ## all tests of a change

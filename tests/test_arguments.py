@@ -51,6 +51,7 @@ TAKES = {
 }
 
 
+@pytest.mark.sampled(31)
 @pytest.mark.parametrize("whole", WHOLE)
 @pytest.mark.parametrize("name", TAKES)
 def test_integers_of_any_kind_are_taken(name, whole):
@@ -64,7 +65,7 @@ def test_what_is_no_count_is_refused(name, wrong):
         TAKES[name](wrong)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("whole", WHOLE)
 def test_an_evaluation_takes_them_and_writes_them(tmp_path, whole):
     five, one = whole(5), whole(1)

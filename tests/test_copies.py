@@ -108,7 +108,7 @@ def test_a_filter_goes_on(build, layers, duplicate) -> None:
         assert found - {Status.NOMINAL}
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(5)
 @layers
 @filters
 def test_a_filter_that_has_decided_goes_on_in_another_shield(build, layers) -> None:
@@ -120,7 +120,7 @@ def test_a_filter_that_has_decided_goes_on_in_another_shield(build, layers) -> N
     assert go_on(other, policy, observation, 60) == expected
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", CONTENDERS)
 def test_a_weakened_shield_goes_on(name) -> None:
     env = shielded(close_by(), name)
@@ -167,7 +167,7 @@ def shared(thing) -> set[tuple[str, str]]:
     }
 
 
-@pytest.mark.sampled(14)
+@pytest.mark.sampled(9)
 @layers
 @filters
 def test_no_array_of_a_filter_is_a_view_of_another(build, layers) -> None:
@@ -228,7 +228,7 @@ def test_views_are_found() -> None:
 # ---- environments ------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(5)
 @copies
 @pytest.mark.parametrize("dynamics", ["kinematic", "servo"])
 @pytest.mark.parametrize("task", TASKS)
@@ -238,6 +238,7 @@ def test_an_environment_goes_on(task, dynamics, duplicate) -> None:
     assert shared(env) == set()
 
 
+@pytest.mark.sampled(3)
 @copies
 @pytest.mark.parametrize("dynamics", ["kinematic", "servo"])
 def test_a_shielded_environment_goes_on(dynamics, duplicate) -> None:
@@ -245,6 +246,7 @@ def test_a_shielded_environment_goes_on(dynamics, duplicate) -> None:
     assert statuses(check(env, Push(env), duplicate)) - {Status.NOMINAL}
 
 
+@pytest.mark.sampled(12)
 @copies
 @pytest.mark.parametrize("human", [*HUMANS, "two", "steered"])
 def test_people_go_on(human, duplicate) -> None:
@@ -254,7 +256,7 @@ def test_people_go_on(human, duplicate) -> None:
     assert shared(env) == set()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.gl
 @copies
 @pytest.mark.parametrize("dynamics", ["kinematic", "servo"])
@@ -324,7 +326,7 @@ WRAPPERS = {
 }
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(2)
 @copies
 @pytest.mark.parametrize("build", WRAPPERS.values(), ids=WRAPPERS)
 def test_a_wrapper_goes_on(build, duplicate) -> None:
@@ -361,7 +363,7 @@ def policies_at_tasks() -> Iterator[tuple[str, str]]:
         yield from ((name, task) for task in (tasks if looks else [tasks[number % len(tasks)]]))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(3)
 @copies
 @pytest.mark.parametrize(("name", "task"), list(policies_at_tasks()))
 def test_a_policy_goes_on(name, task, duplicate) -> None:
@@ -371,6 +373,7 @@ def test_a_policy_goes_on(name, task, duplicate) -> None:
     assert shared(policy) == set()
 
 
+@pytest.mark.sampled(3)
 @copies
 @pytest.mark.parametrize("name", shipped_policies())
 def test_a_learned_policy_goes_on(name, duplicate) -> None:

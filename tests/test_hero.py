@@ -28,6 +28,7 @@ def test_the_person_follows_the_drag_and_is_never_faster_than_assumed():
     np.testing.assert_allclose(first.start, person.recording.start[0])
 
 
+@pytest.mark.long
 def test_the_film_is_small_and_twenty_seconds_long():
     from PIL import Image, ImageSequence
 

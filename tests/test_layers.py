@@ -244,6 +244,7 @@ def test_tests_stand_where_what_they_test_does():
     assert [name for name in packages if not any((tests / name).glob("test_*.py"))] == []
 
 
+@pytest.mark.long
 def test_a_docstring_says_what_something_is_before_what_it_is_of():
     told = []
     for module, _, path in sources():

@@ -54,6 +54,7 @@ def settings(shield: gym.Env) -> tuple:
 # ---- one word, one meaning ---------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", [name + end for end in ("", STOP) for name in FILTERS])
 def test_a_name_means_the_same_to_everybody(name):
     bare, stop = read_name(name)

@@ -215,6 +215,7 @@ def test_material_derivatives_against_differences():
         np.testing.assert_allclose(ref.material_distance_derivatives(p, v, a), expected[:3], rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.long
 def test_sliding_derivatives_against_differences():
     rng = np.random.default_rng(7)
     kinds = {0: 0, 1: 0, 2: 0}
@@ -395,6 +396,7 @@ def random_projection(rng, n, rows, feasible=True):
     return rng.uniform(-1.3, 1.3, n) * upper, L, S, lower, upper, V
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("n", "rows"), [(1, 1), (2, 3), (3, 2), (4, 1), (4, 3)])
 def test_projections_agree(n, rows):
     rng = np.random.default_rng(13 + n + 10 * rows)

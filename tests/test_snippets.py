@@ -155,13 +155,13 @@ def complaint(words):
     return None
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
 def test_commands_can_be_given(page, capsys):
     assert [said for words in commands(page) if (said := complaint(words))] == []
 
 
-@pytest.mark.sampled(13)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("page", [page for page in PAGES if mentioned(PAGES[page].read_text(encoding="utf-8"))])
 def test_commands_in_the_text_are_there(page, capsys):
     for words in mentioned(PAGES[page].read_text(encoding="utf-8")):

@@ -91,6 +91,7 @@ def test_what_is_stored_makes_the_tables_of_the_folders(folders, board):
     assert any("first or tied in" in line for line in tables[0])
 
 
+@pytest.mark.long
 def test_the_same_episodes_are_the_same_bytes_whoever_was_first(folders, board, tmp_path):
     shutil.copytree(folders[0], tmp_path / "home")
     path = tmp_path / "home" / "episodes.csv"

@@ -134,6 +134,7 @@ def test_a_batch_is_bitwise_its_single_states():
         assert batch.tobytes() == np.concatenate([getattr(one, field) for one in alone]).tobytes(), field
 
 
+@pytest.mark.long
 def test_the_counts_do_not_depend_on_threads_or_on_who_ends_first():
     chunks = [StateChunk(boundary(capsule=name), k, 1500, 7) for name in ("elbow", "wrist_tool") for k in range(3)]
     serial = {chunk.key: census.as_json() for chunk, census in run(chunks, 1)}
@@ -201,7 +202,7 @@ def test_a_part_that_withstood_its_search_holds_no_state_that_was_found_before()
         assert weak or not (slow and near <= worst.distance < far)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_certificate_does_not_hold_where_the_search_in_a_part_found_a_counter_example(seed):
     # at rest, but for joints near their limits
@@ -484,6 +485,7 @@ def ends_in_time(index, distance, rate):
     return run.status != 1
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("pair", [(3.0, 1.0), (2.0, 0.25), (6.0, 8.0)])
 @pytest.mark.parametrize("distance", [0.1, 0.5, 1.0])
 def test_the_certificate_set_ends_where_approaches_end_too_late(pair, distance):
@@ -646,6 +648,7 @@ def test_the_command_passes_where_there_are_none(tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["certificate.json", "chunks.jsonl"]
 
 
+@pytest.mark.long
 def test_the_command_draws_the_map(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     code, printed = command(

@@ -276,6 +276,7 @@ def test_a_label_shows_its_text():
         assert not np.array_equal(one, other)
 
 
+@pytest.mark.long
 def test_a_profile_has_five_panels_a_trace_and_shades_interventions(robot):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     import gymnasium as gym
@@ -298,6 +299,7 @@ def test_a_profile_has_five_panels_a_trace_and_shades_interventions(robot):
     np.testing.assert_allclose([line.get_ydata() for line in jerks], (trace.jerk / robot.limits.jerk).T)
 
 
+@pytest.mark.long
 def test_bench_measures_everything_and_agrees_with_mujoco(here):
     """One round; that the distances agree with MuJoCo's is checked by the command itself."""
     run = here("bench", "--rounds", "1", "--no-compile", "--json")

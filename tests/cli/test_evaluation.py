@@ -81,6 +81,7 @@ def test_a_policy_of_the_working_directory_is_found(tmp_path, monkeypatch, capsy
     assert "the same bit for bit" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_what_only_a_recording_names_is_not_run(folder, tmp_path, monkeypatch, capsys):
     """Code that lies beside a recording, which its author may have put there, runs if it is repeated and only then."""
     path = next((folder / "traces").iterdir())
@@ -124,6 +125,7 @@ def test_no_file_that_a_recording_names_is_opened(folder, tmp_path, monkeypatch,
             recorded_setting(read_meta(tmp_path / "named.npz"))
 
 
+@pytest.mark.long
 def test_a_policy_whose_actions_are_not_finite_is_told(tmp_path, monkeypatch, capsys):
     monkeypatch.syspath_prepend(TESTS)
     broken = "picklable:broken_every_third"
@@ -199,6 +201,7 @@ def test_replay_sees_what_was_changed(folder, tmp_path, capsys):
         assert word in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_replay_says_if_other_code_made_a_recording_that_goes_another_way(folder, tmp_path, capsys):
     path = next((folder / "traces").iterdir())
     trace, meta = load_trace(path), read_meta(path)

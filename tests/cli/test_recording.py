@@ -109,6 +109,7 @@ def test_a_jump_is_told_and_exit_code_1(tmp_path, here):
     assert "jumps by 2.01 m within 0.00833 s" in run.stdout
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [

@@ -14,6 +14,7 @@ def run(*words):
     parse([str(word) for word in words]).run()
 
 
+@pytest.mark.long
 def test_an_evaluation_as_a_camera_sees_it_is_played_again_as_it_was(tmp_path, capsys):
     common = ("--episodes", 1, "--seconds", 1.0, "--human", "random", "--json")
     for name, sensor in (("camera", ("--sensor", "camera 30 Hz")), ("truth", ())):

@@ -150,6 +150,7 @@ def hostile_trace(tmp_path):
     return path
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_replay_shows_a_recordings_name(hostile_trace, tmp_path, here):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")

@@ -27,6 +27,7 @@ def test_help_is_there_without_torch():
     assert "goes on where it stopped" in " ".join(run.stdout.split())
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -44,7 +44,7 @@ def reachable(limits, distance, ticks):
     return found.success
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("distance", [1e-5, 1e-3, 0.02, 0.1, 0.4, 1.0])
 def test_no_move_on_the_grid_is_much_shorter(robot, distance):
     limits = robot.limits
@@ -276,6 +276,7 @@ def test_a_way_through_a_wall_is_seen(robot):
     assert not way_is_clear(robot, home, right, wall, 0.01)
 
 
+@pytest.mark.long
 def test_a_way_is_as_clear_as_it_looks(robot):
     rng = np.random.default_rng(1)
     low, high = robot.limits.position.T

@@ -122,6 +122,7 @@ def test_limits_are_kept_and_the_path_too_whatever_the_margin_and_the_choice(par
     assert path.ended
 
 
+@pytest.mark.sampled(17)
 @pytest.mark.parametrize("margin", [0.0, -0.1, -np.inf, np.nan])
 @pytest.mark.parametrize("plan", PLANS)
 def test_without_a_margin_the_arm_rests_on_its_path(plan, margin) -> None:

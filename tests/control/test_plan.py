@@ -145,7 +145,7 @@ def full_problem(limits, j, state, waypoints, each):
     return A, r, np.vstack(G), np.concatenate(h), J
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(6))
 def test_the_programme_is_solved_to_the_optimum(robot, seed):
     osqp = pytest.importorskip("osqp")
@@ -203,7 +203,7 @@ def test_optimality_by_its_conditions(robot):
     assert bound >= 4
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(5))
 def test_a_period_that_is_too_short_is_refused_with_the_shortest(robot, seed):
     rng, limits = np.random.default_rng(seed), robot.limits
@@ -221,6 +221,7 @@ def test_a_period_that_is_too_short_is_refused_with_the_shortest(robot, seed):
     assert stretched.duration == pytest.approx(shortest * len(waypoints))
 
 
+@pytest.mark.long
 def test_a_tick_less_than_the_shortest_period_is_infeasible_for_a_linear_programme_too(robot):
     rng = np.random.default_rng(5)
     for j in range(6):

@@ -46,6 +46,7 @@ def thrown(begin, ticks, brakes, seed):
     return state
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 440), st.integers(1, 40), st.booleans(), st.integers(0, 2**32 - 1))
 def test_a_way_back_keeps_all_limits_leaves_out_no_waypoint_and_meets_the_path(begin, ticks, brakes, seed) -> None:

@@ -289,7 +289,7 @@ MOTION = {
 }
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", MOTION)
 def test_a_wrong_motion_is_told_by_name(toy_robot, kind):
     name, words = MOTION[kind]
@@ -318,7 +318,7 @@ def advised(message: str) -> jssa_gym.FailsafeParams:
     return eval(message[message.index("FailsafeParams(") :], {"FailsafeParams": jssa_gym.FailsafeParams})
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("sizes", "tolerance", "words"),
     [
@@ -409,7 +409,7 @@ def test_measured_states_are_no_error_within_the_tolerance(toy_robot):
             check_env(kind(toy_robot), params=small)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "faults", ["joint glitch", "lasting joint glitch", "stale joints", "drift", "rare joint faults"]
 )
@@ -574,7 +574,7 @@ SCENES = {
 }
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("what", SCENES)
 def test_a_wrong_scene_is_told_by_name(toy_robot, what):
     change, expected = SCENES[what]

@@ -116,7 +116,7 @@ def test_both_places_and_what_is_done_are_observed(places):
     assert observation[seen["done"]] == 0.5
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_drawn_places_are_apart_and_in_reach(name):
     env = ArmEnv("deliver", robot=name, human="none")

@@ -97,7 +97,7 @@ def test_gymnasium_finds_nothing_in_the_shielded_ids(name):
         check_env(gym.make(name), skip_render_check=True)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.gl
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasium_finds_nothing_when_it_draws_either(monkeypatch, name):
@@ -241,7 +241,7 @@ def elsewhere():
     return dict(zip(FINGERPRINTED, run.stdout.split(), strict=True))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", FINGERPRINTED)
 def test_a_seed_fixes_every_bit_in_another_process_too(name, elsewhere):
     here = fingerprint(name, 5, 300)
@@ -364,7 +364,7 @@ def expected_observation(env, state, goal, places):
     }
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("task", list(TASKS))
 @pytest.mark.parametrize("human", ["random", ("approach_retreat", "random")])
 def test_observation_is_what_its_table_says(task, human):
@@ -806,6 +806,7 @@ def test_unknown_options_are_told_the_valid_ones():
         ArmEnv().reset(options={"x": 1})
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("human", ["random", "constant_velocity", "approach_retreat", ("random", "constant_velocity")])
 @pytest.mark.parametrize("count", [25, pytest.param(1000, marks=pytest.mark.slow)])
 def test_nobody_starts_within_reach_of_contact(human, count):
@@ -820,6 +821,7 @@ def test_nobody_starts_within_reach_of_contact(human, count):
 # ---- info ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", IDS)
 def test_info_has_the_same_keys_and_types_in_every_step(name):
     env = gym.make(name, human=still(), terminate_on=())
@@ -1142,6 +1144,7 @@ def share(picture, colour):
     return float(test[colour].mean())
 
 
+@pytest.mark.long
 @pytest.mark.gl
 def test_a_picture_shows_arm_and_person():
     env = gym.make("jssa_gym/Home-v0", render_mode="rgb_array", width=320, height=240)

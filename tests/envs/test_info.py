@@ -41,7 +41,7 @@ def test_a_reset_tells_what_a_step_tells(task, dynamics):
     assert any(infos[1][key] != 0.0 for key in terms)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("sensor", [None, "long dropouts", "all that is reported"])
 @pytest.mark.parametrize("task", TASKS)
 def test_a_shield_adds_the_same_keys_to_both(task, sensor):
@@ -51,6 +51,7 @@ def test_a_shield_adds_the_same_keys_to_both(task, sensor):
     assert all(type(info["shield/reason"]) is str for info in infos)
 
 
+@pytest.mark.sampled(13)
 @pytest.mark.parametrize("name", CONTENDERS)
 def test_no_shield_and_no_gap_changes_that(name):
     check(shielded(ArmEnv(human="hand", terminate_on=()), name, "missed ticks"))

@@ -23,6 +23,7 @@ def person(x, y=0.0, who=0):
     return Body.facing(np.arctan2(-y, -x), who).at((x, y), (0.0, 0.0))
 
 
+@pytest.mark.long
 @given(
     points=places,
     radius=st.floats(0.0, 0.5),

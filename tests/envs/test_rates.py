@@ -83,6 +83,7 @@ def test_people_are_as_fast_as_ever(human, dt):
     assert walked > 0.05 or human == "none"
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("task", sorted(TASKS))
 def test_a_shielded_episode_of_every_task_at_another_rate(task):
     env = gym.make(f"jssa_gym/{task.title()}Shielded-v0", dt=0.01, terminate_on=())

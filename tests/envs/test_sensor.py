@@ -64,7 +64,7 @@ def test_without_faults_the_truth_is_delivered():
         assert scene.human.names == Stage.names
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", FAULTS)
 def test_the_same_seed_gives_the_same_bits(name):
     first, again, other = (watch(name, 120, seed)[0] for seed in (5, 5, 6))
@@ -94,7 +94,7 @@ def test_a_seed_given_to_the_environment_alone_counts():
     np.testing.assert_array_equal(*shown)
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", FAULTS)
 def test_the_truth_stays_as_it_is(name):
     make = lambda: gym.make("jssa_gym/Reach-v0", terminate_on=())  # noqa: E731
@@ -458,7 +458,7 @@ def test_a_stale_scene_is_the_same_object():
     )
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", JOINTS)
 def test_faults_of_the_joints_come_from_the_seed_and_begin_after_the_reset(name):
     first, again, other = (joints(felt(name, 100, seed)[0]) for seed in (5, 5, 6))
@@ -528,7 +528,7 @@ def test_a_shield_lives_with_every_fault(name, failsafe):
         assert seen == {Status.FAULT} if never else Status.NOMINAL in seen
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", JOINTS)
 def test_a_shield_notices_every_wrong_joint_state_and_stays_inside_the_limits(name):
     sensor = SensorModel(gym.make("jssa_gym/Home-v0", human="walk_by", terminate_on=()), name)

@@ -167,6 +167,7 @@ def test_an_episode_may_begin_elsewhere():
     np.testing.assert_allclose(env.task.reference(env.goal, Progress(clock=0.3)), HOME + 0.8, atol=1e-12)
 
 
+@pytest.mark.long
 def test_drawn_waypoints_are_reachable_in_time_and_clear(robot):
     env, goals = track(), []
     limits = robot.limits
@@ -251,6 +252,7 @@ def test_bad_parameters_of_a_task_are_named(task, arguments):
         task(**arguments)
 
 
+@pytest.mark.long
 def test_somebody_in_the_way_makes_the_arm_late_but_not_fail():
     # an arm that goes where the reference is, under the whole shield; people who come, stay and go
     late = 0
@@ -302,7 +304,7 @@ def tip_of(position):
     return ref.point(CHAIN, position, 5, (0.16, 0.0, 0.0)) + np.array([0.0, 0.0, TABLE])
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("human", ["receive", "hand", "random", ("none", "receive", "random")])
 def test_the_goal_is_at_the_hand_in_every_step(human):
     env = ArmEnv("handover", human=human, terminate_on=())
@@ -412,6 +414,7 @@ def test_who_goes_there_hands_over_and_who_stays_does_not(seed):
     assert outcomes == {"goes": True, "stays": False}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_shield_that_is_told_of_the_handover_lets_it_happen(seed):
     allowed = jssa_gym.FailsafeParams(contact_speed={"right_arm": 0.25})
@@ -460,6 +463,7 @@ def test_who_receives_holds_out_low_then_nearer_and_higher_and_goes_back(acceler
         assert np.linalg.norm(hand - [c.start[right] for c in seen], axis=1).max() <= 0.7 + 1e-9
 
 
+@pytest.mark.long
 def test_the_arm_reaches_what_is_to_be_handed_over(robot):
     low, high = robot.limits.position.T
     for seed in range(8):

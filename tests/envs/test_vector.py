@@ -99,7 +99,7 @@ def combinations():
                 yield pytest.param(task, human, MODES[(i + j) // 2 % len(MODES)], marks=marks)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("task", "human", "mode"), list(combinations()))
 def test_every_task_beside_everybody_is_as_alone(task, human, mode):
     pair = Pair(4, task, human=human, mode=mode).play(200)
@@ -145,7 +145,7 @@ CROWDS = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("crowd", CROWDS)
 @pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.DISABLED])
 def test_crowds_are_as_alone(crowd, mode):
@@ -198,7 +198,7 @@ def test_a_recording_is_there_once_for_all_arms():
 FILTERED = [*FILTERS, *PROFILES, "shielded", "jssa+stop", {}, {"lambda1": 3.0, "lambda2": 1.0}]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", range(len(FILTERED)), ids=[str(name) for name in FILTERED])
 def test_every_filter_decides_as_alone(number):
     shield, mode = FILTERED[number], MODES[number % 3]
@@ -207,6 +207,7 @@ def test_every_filter_decides_as_alone(number):
     assert len(pair.reasons) > (0 if shield == "none" else 2)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("task", TASKS)
 def test_shielded_ids_are_as_alone(task):
     env_id = ENTRIES[task].env_id(shielded=True)
@@ -302,6 +303,7 @@ def test_unsound_seeds_are_refused_before_anything_changes(seed):
     assert [rng.bit_generator.state for rng in env.np_random] == [rng.bit_generator.state for rng in state]
 
 
+@pytest.mark.long
 def test_generators_are_where_those_of_single_environments_are():
     pair = Pair(2, "reach", human="random", limit=500, terminate_on=())
     pair.play(300, size=0.1)
@@ -457,6 +459,7 @@ def test_a_shielded_id_is_made_again_from_its_spec():
         assert again.get_wrapper_attr("filter").failsafe == env.get_wrapper_attr("filter").failsafe
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("through", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("human", ["random", "hand", "recorded"])
 def test_a_copy_goes_on_by_itself(human, through):

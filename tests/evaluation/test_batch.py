@@ -197,7 +197,7 @@ SINGULAR = {
 }
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("what", SINGULAR)
 def test_what_is_asked_in_python_is_asked_one_by_one(what):
     assert vector_like(SINGULAR[what](), 4) is None

@@ -157,6 +157,7 @@ def test_demo_says_which_shield_and_fails(broken_jssa, capsys, tmp_path):
     assert (tmp_path / "metrics.json").exists()
 
 
+@pytest.mark.long
 def test_bench_says_which_times_and_fails(broken_jssa, capsys, monkeypatch):
     monkeypatch.setattr(stopwatch, "time_projectors", lambda *told: [])
     monkeypatch.setattr(stopwatch, "time_distances", lambda *told: [])

@@ -66,6 +66,7 @@ def finished(tmp_path_factory):
     return folder, ledger.episodes
 
 
+@pytest.mark.long
 def test_a_campaign_plays_every_combination_and_the_unshielded_arm_collides(finished, robot):
     folder, episodes = finished
     assert len({(e.cell, e.seed) for e in episodes}) == len(episodes) == 8
@@ -267,6 +268,7 @@ def test_every_shield_can_be_played(name):
     assert episode.steps == 4
 
 
+@pytest.mark.sampled(25)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_fault_can_be_played(fault):
     episode = Player(Campaign(TINY.grids, steps=4), Cell("full", "two", "hold", fault)).measure(0)
@@ -337,7 +339,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_missing_guard_shows_and_the_whole_shield_stands_the_same_episode(name):
     def first_broken(shield, seeds):

@@ -151,6 +151,7 @@ def test_joint_limits_of_the_stop_count(swinging, robot, ahead):
     assert not kept[-1]
 
 
+@pytest.mark.long
 def test_half_spaces_and_the_arm_itself_count(swinging, robot, ahead):
     low, high = robot.limits.position.T
     rng, far, found = np.random.default_rng(1), np.tile(ahead + np.array([0.0, 9.0, 0.0]), (STEPS + 1, 1)), []

@@ -204,6 +204,7 @@ def test_the_shield_shows_in_the_numbers(finished):
         assert report.unlike == ()
 
 
+@pytest.mark.long
 def test_a_metric_is_a_mean_or_a_rate_of_every_episode(finished):
     _, reports = finished
     for report in reports:
@@ -221,6 +222,7 @@ def test_a_metric_is_a_mean_or_a_rate_of_every_episode(finished):
     assert "emcc" in reports[0].means
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", [*FILTERS, *(f"{name}+stop" for name in FILTERS)])
 def test_every_filter_can_be_put_around_an_environment(name):
     env = put_filter(picklable.environment(), name)
@@ -288,6 +290,7 @@ def test_a_model_of_stable_baselines_is_a_policy():
     assert one.setting.policy == "PPO"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("env", ["jssa_gym/Reach-v0", picklable.environment, picklable.environment()])
 def test_environments_in_all_their_forms(env):
     kwargs = {"human": "walk_by"} if isinstance(env, str) else None

@@ -38,6 +38,7 @@ SHARES = st.lists(st.integers(-8, 8).map(lambda k: k / 4), min_size=2, max_size=
 """Of two joints' bounds; also beyond them, and changes by the bound itself."""
 
 
+@pytest.mark.long
 @given(st.lists(st.tuples(SHARES, SHARES), max_size=8))
 def test_jumps_are_counted_step_by_step(rows):
     applied, nominal = ([row[k] for row in rows] for k in (0, 1))
@@ -217,6 +218,7 @@ def test_the_page_tells_motion_and_time(episode, tmp_path):
         assert next(row for row in shown if "none" in row and "jssa+stop" not in row)[-1] == "-"
 
 
+@pytest.mark.long
 def test_from_episodes_to_rows_report_and_comparison(tmp_path, capsys):
     """What was counted in an episode is what stands in the table, in the summary and in what is printed."""
     command = Compare(filters=("stop", "none"), humans=("pursuit",), policies=("random",), episodes=2, seconds=2.0)

@@ -23,7 +23,7 @@ def of_trace(trace, limits, **kwargs) -> StepSummary:
     return StepSummary(**{field.name: getattr(summary, field.name) for field in dataclasses.fields(StepSummary)})
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shield", [True, False])
 @pytest.mark.parametrize("task", ["home", "reach"])
 @pytest.mark.parametrize("human", ["pursuit", "hand", "none"])
@@ -136,7 +136,7 @@ def test_what_it_cannot_record_is_refused():
         RecordSafety(make().env, v_safe=-1.0)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize("shield", [None, {}])
 def test_a_vector_tells_what_single_environments_tell(mode, shield):

@@ -113,7 +113,7 @@ def recorded(robot) -> Trace:
     return trace
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("human", "holds", "seed"),
     [

@@ -251,6 +251,7 @@ def _with_object(path: Path, field: str, bait: np.ndarray) -> bytes:
     return sealed(buffer.getvalue())
 
 
+@pytest.mark.sampled(13)
 @pytest.mark.parametrize(
     ("change", "message"),
     [

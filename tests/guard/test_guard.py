@@ -58,6 +58,7 @@ def run(guard, ticks, command=None, people=None, begin=0, measured=None):
     return answers
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("task", "human", "options"),
     [

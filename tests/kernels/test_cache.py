@@ -67,7 +67,7 @@ DAMAGE = {
 }
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 def test_a_damaged_file_is_compiled_anew_and_written_over(kernel, tmp_path, damage, ending, caplog) -> None:

@@ -76,6 +76,7 @@ def symmetric(a, b, c, d, scale):
         assert abs(capsule_pair(*other, 0.0)[0] - distance) <= 1e-12 * scale
 
 
+@pytest.mark.long
 @FIXED
 @given(points, scales)
 def test_distance_of_segments_is_the_smallest(ends, scale):
@@ -134,6 +135,7 @@ def test_nearly_parallel_segments_are_symmetric():
     symmetric(O, X, 0.1 * Y, X + (0.1 - 5e-7) * Y, 1.0)
 
 
+@pytest.mark.long
 @FIXED
 @given(points, st.floats(0.0, 0.5), st.floats(0.0, 0.5))
 def test_radii_are_taken_off_once(ends, a_radius, b_radius):

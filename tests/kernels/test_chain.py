@@ -136,6 +136,7 @@ def arm(request, tmp_path_factory):
     return Arm(path)
 
 
+@pytest.mark.sampled(2)
 def test_capsules_stand_where_mujoco_puts_them(arm, times):
     """Forward kinematics of whatever arm a user brings: a capsule in the wrong place protects nothing."""
     rng = np.random.default_rng(1)
@@ -202,6 +203,7 @@ def test_accelerations_are_mujoco_s(arm):
                 np.testing.assert_allclose(segment[f"{end}_acceleration"], expected, rtol=0, atol=1e-10)
 
 
+@pytest.mark.sampled(2)
 def test_motion_is_the_power_series_motion(arm, times):
     """Velocity, acceleration and drift of link points equal those of the truncated power series (Eq. 10)."""
     rng = np.random.default_rng(5)

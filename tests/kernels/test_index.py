@@ -470,6 +470,7 @@ def test_nothing_around_is_safe():
     assert len(rows_of(step, -JERK, JERK)[0]) == 0
 
 
+@pytest.mark.long
 def test_row_of_a_frozen_pair_is_the_true_gradient(times):
     """L is minus the derivative of phi(x_{k+1}) by the jerks, all of J, J' and J'' included, to 1e-6."""
     rng = np.random.default_rng(14)
@@ -535,6 +536,7 @@ def test_row_of_a_sliding_pair_is_the_gradient_to_order_tau(times):
     assert np.median(errors[TAU / 4.0]) <= np.median(errors[TAU]) / 8.0
 
 
+@pytest.mark.long
 def test_plane_rows_against_differences():
     """Rows of half-spaces: index of the lowest point, slope by differences, none for the column on a level one."""
     rng, leaning = np.random.default_rng(17), 0

@@ -362,6 +362,7 @@ def test_only_who_has_kept_the_bound_is_granted_it(robot, steady):
     assert more > 5
 
 
+@pytest.mark.long
 def test_closer_sets_never_let_less_pass(robot):
     rng, refused = np.random.default_rng(11), 0
     for _ in range(60):

@@ -416,6 +416,7 @@ print(allocations(possible, True), allocations(hopeless, False))
 """
 
 
+@pytest.mark.long
 def test_rows_that_exclude_each_other_cost_no_memory():
     """Whatever the rows are, nothing is allocated but what handing arrays to a kernel takes."""
     run = subprocess.run(

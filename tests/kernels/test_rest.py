@@ -30,6 +30,7 @@ def test_what_ends_in_rest_is_taken_to_rest():
     assert rest.REST_PLANNED < rest.REST_JOINTS
 
 
+@pytest.mark.long
 def test_no_other_module_has_a_threshold_of_rest_of_its_own():
     found = {
         (path.relative_to(PACKAGE).as_posix(), target.id)

@@ -699,6 +699,7 @@ def test_speeds_that_are_still_to_come_are_foreseen(robot, times):
             assert np.all(fastest <= later[k] + SAMPLE * np.abs(limits_of(robot)[3]) * 1.5 + 1e-6)
 
 
+@pytest.mark.long
 def test_limits_are_those_of_every_instant_of_step_and_stop(robot, times):
     rng = np.random.default_rng(6)
     low, high, V, A, J = bounds = limits_of(robot)

@@ -108,6 +108,7 @@ def test_all_trends_of_table_1_come_out_as_published_and_with_the_exact_row(corn
     assert all(claim.reproduced for claim in found)
 
 
+@pytest.mark.long
 def test_all_layers_keep_what_lambda1_does_to_distance_and_duration(corners):
     """They act from the first step on, so that nothing can begin earlier; the recovery rate and the rows of all pairs
     decide when they end.
@@ -172,6 +173,7 @@ def test_ssa_is_closer_and_more_saturated_where_the_person_walks_faster():
 # ---- Fig. 3 and 7 ------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("lambdas", [(3.0, 1.0), (6.0, 8.0), (2.0, 0.25)])
 def test_the_fastest_approach_is_the_one_that_just_stops(lambdas):
     """An oracle of its own: the equation of Eq. (6) at 0, written down again, integrated from either side."""

@@ -414,6 +414,7 @@ def test_everybody_is_covered_whoever_is_called_what(seed):
     assert crowded(seed) <= 1e-9
 
 
+@pytest.mark.long
 def test_of_people_who_stand_together_nobody_is_lost_by_that_care_alone():
     # the power of the test above: each keypoint believed by itself
     assert max(crowded(seed, careful=False) for seed in range(3)) > 0.01

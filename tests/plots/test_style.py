@@ -43,7 +43,7 @@ def figure(request, trace, robot):
     }[request.param]()
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(1)
 def test_every_figure_is_drawn_in_the_style(figure):
     flat = [axes for axes in figure.axes if axes.name == "rectilinear"]
     assert flat
@@ -52,7 +52,7 @@ def test_every_figure_is_drawn_in_the_style(figure):
         assert not axes.spines["right"].get_visible()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 def test_no_legend_lies_over_a_panel(figure):
     FigureCanvasAgg(figure).draw()
     legends = [axes.get_legend() for axes in figure.axes if axes.get_legend()] + figure.legends

@@ -236,6 +236,7 @@ def test_other_pickles_are_refused(tmp_path, thing):
         read_normalisation(tmp_path / "v.pkl")
 
 
+@pytest.mark.long
 def test_what_is_normalised_already_is_refused(statistics):
     venv, path = statistics
     with pytest.raises(ParameterError, match="leave normalise out"):

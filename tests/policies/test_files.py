@@ -330,6 +330,7 @@ class TestFiles:
             with pytest.raises(PolicyFileError, match="SHA-256"):
                 read_policy(path)
 
+    @pytest.mark.long
     def test_behind_the_digest_a_flipped_bit_is_refused_or_changes_nothing(self, policy, saved, tmp_path):
         content = saved.read_bytes()[:-64]
         rng, path = np.random.default_rng(1), tmp_path / "flipped.npz"

@@ -159,6 +159,7 @@ class TestConversion:
         sent = pickle.loads(pickle.dumps(policy))  # to the processes of an evaluation
         np.testing.assert_array_equal(sent(observations()[0]), policy(observations()[0]))
 
+    @pytest.mark.long
     def test_without_torch_one_line_says_what_to_install(self, models, saved_policy):
         script = (
             "import sys; sys.modules['torch'] = None\n"
@@ -258,6 +259,7 @@ class TestDamage:
         with pytest.raises(PolicyFileError, match=message):
             jssa_gym.load_policy(bad)
 
+    @pytest.mark.long
     def test_archives_that_unpack_to_more_than_a_file_may_have(self, models, tmp_path):
         bomb, inner = tmp_path / "bomb.zip", io.BytesIO()
         with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -327,6 +329,7 @@ class TestPickles:
         assert ran.exists()
         np.testing.assert_allclose(trusted(observations()[0]), policy(observations()[0]), rtol=0, atol=1e-6)
 
+    @pytest.mark.long
     def test_so_it_is_on_the_command_line(self, tmp_path, ran):
         model = model_of("PPO")
         model.hook = Sentinel(ran)

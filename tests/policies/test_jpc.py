@@ -224,7 +224,7 @@ def test_an_unreachable_goal_leaves_the_arm_at_rest(robot, caplog):
     assert "no posture" in caplog.text
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("period", [1.5, 1.2, 1.6])
 def test_waypoints_are_tracked_whether_or_not_their_period_is_on_the_grid(period):
     env = jssa_gym.ArmEnv(Track(period=period), human="none", terminate_on=())

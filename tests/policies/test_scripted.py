@@ -32,6 +32,7 @@ def displaced(robot, rng, corner):
     return np.where(rng.random(robot.n) < 0.5, low, high) if corner else rng.uniform(low, high)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [8, pytest.param(200, marks=pytest.mark.slow)])
 def test_hold_returns_home_within_all_limits(robot, count):
     env = gym.make("jssa_gym/Home-v0", human="none", terminate_on=())
@@ -119,7 +120,7 @@ def paths(tips):
 
 @pytest.mark.parametrize("name", POLICIES)
 class TestEveryPolicy:
-    @pytest.mark.sampled(3)
+    @pytest.mark.sampled(2)
     def test_its_actions_are_finite_within_bounds_and_its_own(self, name):
         for human in ("random", "none"):
             actions, *_ = unshielded(lambda env: POLICIES[name](env, 0), human=human)

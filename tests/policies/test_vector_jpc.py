@@ -88,7 +88,7 @@ def combinations() -> Iterator:
             yield pytest.param(task, shield, marks=() if (i + j) % 2 == 0 else pytest.mark.slow)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("task", "shield"), list(combinations()))
 def test_many_do_what_each_does_by_itself(task, shield) -> None:
     both = Both(task, shield)
@@ -140,7 +140,7 @@ def test_waypoints_that_were_met_before_somebody_pushes_are_counted(yielding) ->
     assert yielding or Phase.SETTLING in both.phases
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "options",
     [
@@ -157,6 +157,7 @@ def test_options_mean_the_same(options) -> None:
     Both("reach", "work", **options).reset().play(150)
 
 
+@pytest.mark.long
 def test_goals_may_have_more_waypoints_and_episodes_begin_by_themselves() -> None:
     both = Both("track", human="none", limit=900)
     home = np.array(both.vector.unwrapped.robot.home)

@@ -37,7 +37,7 @@ def test_the_paper_s_controller_has_a_name_of_its_own() -> None:
         JPCPolicy(env, 0, yielding="no")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("task", "human"), [("home", "none"), ("reach", "none"), ("track", "none"), ("handover", "receive")]
 )
@@ -52,6 +52,7 @@ def test_alone_it_succeeds_where_the_paper_s_does(task, human) -> None:
         assert success["jpc"] >= success["jpc_paper"]
 
 
+@pytest.mark.long
 def test_beside_somebody_who_walks_by_it_is_slowed_and_never_interrupted() -> None:
     """Seeds in which the one of the paper is interrupted, so that it is not vacuous."""
     jumps, interruptions = {}, {}

@@ -90,6 +90,7 @@ def test_a_bracket_gets_two_that_are_slimmer(monkeypatch):
     assert len(enclose(shape)) == 1
 
 
+@pytest.mark.long
 def test_triangles_that_are_cut_are_held_to_the_middle():
     """One large triangle over both parts of a shape: its corners alone would not do."""
     shape, rng = (

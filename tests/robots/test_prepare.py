@@ -114,6 +114,7 @@ def test_fingers_are_held_wherever_they_slide(save, tmp_path):
             assert out.max() <= 0.0
 
 
+@pytest.mark.long
 def test_a_hinge_that_looks_like_a_jaw_is_asked_about(save):
     jaw = link("jaw", "0 1 0", "", drawn='<geom type="box" size=".01 .01 .04" pos="0 0 .04"/>')
     path = save(chain(3, last=jaw))
@@ -125,6 +126,7 @@ def test_a_hinge_that_looks_like_a_jaw_is_asked_about(save):
     assert (kept.anatomy.n, kept.obstacles) == (4, ())
 
 
+@pytest.mark.long
 def test_a_chain_ends_at_the_first_branch(save):
     thumb = [link(f"thumb {i}", "0 1 0", "", f"0 {y} .25") for i, y in enumerate((0.03, -0.03))]
     arm = examine(save(chain(4, last="".join(thumb))))
@@ -133,6 +135,7 @@ def test_a_chain_ends_at_the_first_branch(save):
     assert examine(save(chain(4, last="".join(thumb))), ALL).obstacles == ()
 
 
+@pytest.mark.long
 def test_of_two_arms_one_has_to_be_named(save, tmp_path):
     path = save(two_arms())
     undecided = examine(path, ALL)
@@ -153,7 +156,7 @@ def test_the_longest_by_far_is_taken_and_said(save):
     assert any("body 'left 0' is taken for the arm: 5 hinges follow it, at most 2" in t for t in messages(arm, False))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("after", "text"),
     [
@@ -203,7 +206,7 @@ def test_several_hinges_of_one_body(save, tmp_path):
     assert kinematic_error(arm, robot) < 1e-12
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("wanted", "text"),
     [
@@ -415,7 +418,7 @@ def test_an_arm_that_stands_aside_is_moved_and_that_is_said(save, tmp_path):
     assert kinematic_error(arm, robot) < 1e-12
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("xml", "text"),
     [
@@ -436,6 +439,7 @@ def test_units_are_questioned(save, xml, text):
     assert any(text in one for one in told), told
 
 
+@pytest.mark.long
 def test_without_a_keyframe_home_is_looked_for_and_clear(save, tmp_path):
     arm, robot = prepared(save(chain(4)), tmp_path)
     assert any(text.startswith("home was looked for") for text in messages(arm, False))
@@ -492,6 +496,7 @@ def test_a_boom_stays_off_the_table(save, tmp_path):
 # ---- limits --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_limits_are_a_guess_that_says_so_unless_they_are_stated(save, tmp_path):
     path = save(chain(3))
     arm, robot = prepared(path, tmp_path)

@@ -252,6 +252,7 @@ def test_a_finger_of_three_hinges_is_no_arm(save):
     assert examine(save(chain(4, last=finger + thumb)), ALL).anatomy.n == 4
 
 
+@pytest.mark.long
 def test_a_torso_of_one_hinge_is_no_arm(save):
     torso = two_arms().replace(
         '<body name="torso">', '<body name="torso"><joint name="waist" axis="0 0 1" range="-1 1"/>'
@@ -310,7 +311,7 @@ def test_meshes_beside_the_file(tmp_path, uri):
     assert examine(moved).obstacles == ()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("uri", ["beam.stl", "elsewhere/beam.stl", "package://gone/beam.stl"])
 def test_the_urdf_s_own_folder_of_meshes(tmp_path, uri):
     path = urdf(tmp_path, visual=uri)
@@ -319,6 +320,7 @@ def test_the_urdf_s_own_folder_of_meshes(tmp_path, uri):
     assert examine(path).obstacles == ()
 
 
+@pytest.mark.long
 def test_a_shape_of_the_same_kind_stands_for_no_mesh(tmp_path):
     """A ball of 1 cm beside a lost mesh was taken for all of the link."""
     path = urdf(tmp_path, visual="package://bench_arm/meshes/beam.dae", collision="package://bench_arm/meshes/beam.stl")

@@ -88,7 +88,7 @@ def test_limits_are_the_published_ones():
     np.testing.assert_allclose(fr3.position.T, [low, high])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_what_is_drawn_lies_in_capsules(name, caplog):
     robot = ROBOTS[name]()

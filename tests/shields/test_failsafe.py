@@ -175,7 +175,7 @@ class Teleporting:
 # ---- what it promises ----------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("policy", ["random", "bang-bang", "limit-seeking"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_limits_stops_and_touches_whatever_anybody_does(robot, make_scene, kind, policy, times):
@@ -267,7 +267,7 @@ def test_without_the_verified_stop_the_same_people_are_hit(robot, make_scene):
     assert hit > 0.2
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("seed", range(4))
 def test_what_is_rejected_for_good_rests_within_the_stop_and_stays(robot, make_scene, kind, seed):
@@ -412,6 +412,7 @@ def test_a_fault_ends_in_the_stored_stop_and_what_follows_is_not_lost(robot, mak
         assert arm.step(np.zeros(6)).status != Status.FAULT, what
 
 
+@pytest.mark.sampled(25)
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_nominal_that_is_no_number_ends_in_the_stored_stop(robot, make_scene, kind, bad):
@@ -555,7 +556,7 @@ GARBAGE = {
 }
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("how", GARBAGE)
 def test_an_osqp_that_answers_garbage_hurts_nobody(robot, make_scene, how, caplog):
     rng = np.random.default_rng(3)
@@ -579,6 +580,7 @@ def test_an_osqp_that_answers_garbage_hurts_nobody(robot, make_scene, how, caplo
     assert used > 50
 
 
+@pytest.mark.sampled(34)
 @pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("tolerance", [0.0, 2e-4])
 @pytest.mark.parametrize("missed", [1, 2, 5, 15, 500])
@@ -623,7 +625,7 @@ def elsewhere(arm, how):
         arm.state[1, 2] += 1e-4
 
 
-@pytest.mark.sampled(30)
+@pytest.mark.sampled(13)
 @pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("how", ["last jerk held", "zero jerk", "teleported", "a little"])
 def test_an_arm_that_is_elsewhere_is_stopped_from_where_it_must_be(robot, make_scene, kind, how, caplog):
@@ -723,7 +725,7 @@ def test_a_frozen_and_a_jumping_person_are_faults_in_the_end(robot, make_scene):
     assert "jumped" in reasons[-1].reason
 
 
-@pytest.mark.sampled(29)
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("kind", DRIVEN)
 @pytest.mark.parametrize("seed", range(5))
 def test_a_person_spawned_inside_a_moving_arm_finds_it_at_rest_soon(robot, make_scene, kind, seed):
@@ -822,6 +824,7 @@ def edge(robot, make_scene, params=PARAMS, **options):
     return high
 
 
+@pytest.mark.long
 def test_every_assumption_moves_the_edge_by_what_it_says(robot, make_scene):
     base = edge(robot, make_scene)
     duration = base / PARAMS.human_speed
@@ -1104,6 +1107,7 @@ CLOCKS = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("clock", CLOCKS)
 def test_people_move_on_though_the_clock_stands(robot, make_scene, clock):
     """A source that never advances its clock must not make the first measurement true for ever."""

@@ -326,7 +326,7 @@ def ends_along_the_stop(robot, scene: Scene, jerk):
     return np.array(path), ticks * DT
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_ssm_nobody_farther_than_the_protective_distance_meets_the_moving_arm(robot, random_scene, seed):
     """Brute force: the stop rolled out, the person straight on at full speed, at every tick."""
@@ -499,7 +499,7 @@ def unshielded():
     return fig5(0.8, name=None)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", AVOIDING)
 def test_the_arm_gives_way_in_the_papers_scene(unshielded, name):
     assert unshielded.contact.any()

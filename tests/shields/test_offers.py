@@ -259,6 +259,7 @@ def test_a_graded_stop_jumps_less_and_keeps_the_promise():
     assert jumps[True] < jumps[False]
 
 
+@pytest.mark.long
 def test_what_is_applied_before_a_softer_stop_is_followed_by_one(robot):
     """The stop that a graded shield stores behind the nominal keeps the softer limits."""
     filter = make_filter("stop", robot, 0.008, failsafe=FailsafeParams(graded=True))

@@ -197,7 +197,7 @@ def test_a_quoted_reason_is_not_taken_for_the_reason():
     assert code_of("a can reach b can reach part before it rests, in 0.1 s", Status.FAILSAFE) == 303
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("stop", [True, False])
 @pytest.mark.parametrize("name", FILTERS)
 def test_no_built_in_filter_says_what_has_no_code(name, stop):

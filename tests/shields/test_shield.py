@@ -129,7 +129,7 @@ def test_random_scenes_are_decided_inside_the_box(filter, random_scene, count):
     assert Status.FAULT not in seen
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", BARE)
 @pytest.mark.parametrize("human", ["random", "close"])
 @pytest.mark.parametrize("episodes", [4, pytest.param(200, marks=pytest.mark.slow)])
@@ -425,7 +425,7 @@ def test_read_only_and_single_precision_scenes_are_decided_alike(filter, make_sc
     assert filter.decide(single, 0.5 * JERK).status == expected.status
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 def test_decisions_have_no_memory_of_the_size_of_the_crowd(filter, robot, random_scene):
     rng, seen = np.random.default_rng(6), set()
     fresh = type(filter) if isinstance(filter, NoFilter) else lambda *_: copy.deepcopy(untouched)
@@ -837,7 +837,7 @@ SABOTAGE = {
 }
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("how", list(SABOTAGE))
 def test_a_sabotaged_solver_is_still_safe(robot, random_scene, how):
     exact, osqp = JSSAFilter(robot, DT), JSSAFilter(robot, DT, projector="osqp")
@@ -875,7 +875,7 @@ def test_a_solver_that_crosses_a_row_slightly_is_not_believed(robot):
     assert answer.jerk[0] >= 10.0 - 1e-12
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", list(PROJECTORS))
 @pytest.mark.parametrize("kind", ["identity", "diagonal", "full"])
 def test_projectors_solve_random_problems(name, kind):
@@ -1217,6 +1217,7 @@ def test_random_bits_as_actions(count):
     assert 0 < faults < count
 
 
+@pytest.mark.sampled(8)
 def test_faults_bring_the_arm_to_rest_and_keep_it_there(shielded):
     for action in np.random.default_rng(3).uniform(-1.0, 1.0, (40, 6)):
         shielded.step(action)
@@ -1531,7 +1532,7 @@ def hold(env, steps=1000):
     return seen
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("speed", [0.4, 0.8])
 @pytest.mark.parametrize(
     "options",

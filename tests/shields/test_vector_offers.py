@@ -74,7 +74,7 @@ class Pair:
         return told
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_offered_is_taken_as_by_one(name) -> None:
     pair, rng, seen = Pair(name), np.random.default_rng(0), set()

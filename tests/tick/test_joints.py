@@ -150,7 +150,7 @@ HURTS = [
 """What hurts somebody within a few episodes, or drives the arm over a limit, where it is believed."""
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("what", HURTS)
 def test_a_shield_without_a_monitor_is_led_astray(what, monkeypatch, caplog):
     """The power of the test above: a shield that believes every reading is not safe."""
@@ -213,7 +213,7 @@ def test_a_lag_that_ends_is_forgiven():
     assert all(status != Status.FAULT for status, *_ in seen[90 + AGREEMENTS :])
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", [name for name in FILTERS if name != "none"])
 def test_a_lasting_disagreement_keeps_the_arm_at_rest_whatever_filter_is_inside(name):
     def off(scenes):
@@ -368,6 +368,7 @@ def test_an_encoder_that_repeats_itself_while_the_arm_creeps_is_not_frozen(robot
     assert own.state[0, 0] > 1e-3
 
 
+@pytest.mark.long
 def test_the_tolerance_is_kept_from_people_as_metres(robot, make_scene):
     """Largest lever times tolerance, from people and twice between the arm's own links; checked by kinematics."""
     tolerance = np.radians([0.1, 0.05, 0.2, 0.3, 0.1, 0.4])
@@ -603,6 +604,7 @@ def test_monitor_a_deviation_is_a_share_of_each_limit_and_nan_deviates(robot, ro
             assert monitor.agrees(state, expected) == agrees
 
 
+@pytest.mark.long
 def test_monitor_says_what_is_wrong(robot):
     def told(harm):
         arm = Watched(robot)

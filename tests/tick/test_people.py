@@ -331,7 +331,7 @@ def test_places_and_radii_are_compared_for_as_long_as_velocities():
         assert (walked(monitor, velocities, thicker=thicker) is not None) == seen
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(6))
 def test_whoever_keeps_the_acceleration_bound_is_never_withdrawn_it(seed):
     """As hard as it lets them, this way and that; both ends, measured as badly as the errors let them, at any times."""
@@ -513,6 +513,7 @@ _NUMBER = st.one_of(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.lists(_NUMBER, min_size=29, max_size=29), st.sampled_from([BOTH, ONE, NONE])), max_size=6))
 def test_no_numbers_make_it_raise_or_look_fine(ticks):
@@ -551,7 +552,7 @@ def follow(faults: SensorFaults, seed: int, ticks: int, speed: float = 1.6, trus
         env.step(None)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", REPORTED)
 @settings(max_examples=3)
 @given(seed=st.integers(0, 2**31))
@@ -619,6 +620,7 @@ def test_outliers_shorter_than_a_walk_are_never_trusted(seed):
     assert noticed > 10
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_silent_freeze_of_somebody_who_walks_is_seen_at_once(seed):
     faults = dataclasses.replace(FAULTS["silent freeze"], freeze=0.05)

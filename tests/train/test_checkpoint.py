@@ -85,7 +85,7 @@ def refused_or_the_same(one, before):
     return False
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", [MANIFEST, PARAMETERS, STATISTICS, BUFFER])
 def test_truncated_anywhere(name, folder):
     one = newest(folder)
@@ -98,6 +98,7 @@ def test_truncated_anywhere(name, folder):
     assert accepted <= (name == MANIFEST)  # its last newline
 
 
+@pytest.mark.long
 def test_a_thousand_flipped_bits(folder):
     rng = np.random.default_rng(0)
     one = newest(folder)

@@ -91,6 +91,7 @@ def test_what_is_no_scores_is_refused(bad):
 # ---- folders -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_seeds_are_put_together_by_label(tmp_path):
     inside, without = sweep(tmp_path / "inside", [0.0, 0.5, 0.6, 0.7, 1.0]), tmp_path / "without"
     sweep(without, [0.25], shield=False)

@@ -97,6 +97,7 @@ def test_a_leg_counts_every_episode_once_and_without_penalties(tmp_path, monkeyp
     assert any(rewarded < safety["ep_return"] - 1.0 for safety, rewarded in ended)
 
 
+@pytest.mark.long
 def test_a_history_is_read_back_or_refused(tmp_path):
     leg = train(tiny(steps=64), tmp_path).history
     rows = json.loads(json.dumps(as_rows(leg), allow_nan=False))

@@ -264,7 +264,7 @@ def test_the_replay_buffer_gets_executed_actions():
 # ---- the whole chain ---------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
 @pytest.mark.parametrize("control", ["jerk", "velocity", "position"])
 @pytest.mark.parametrize("task", TASKS)

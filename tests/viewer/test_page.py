@@ -65,6 +65,7 @@ def test_overlays_appear_while_it_is_paused_too(open_page, caplog):
     assert quiet(caplog)
 
 
+@pytest.mark.long
 def test_a_film_ends_by_itself_once(open_page, monkeypatch, caplog):
     made = []
     monkeypatch.setattr("jssa_gym.viewer.page.LONGEST", 0.2)
@@ -111,7 +112,7 @@ def test_a_film_that_ends_while_something_is_written_goes_on(open_page):
     assert page.shelf.episodes() == ()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("pointer", [(1e4, 0.0, 5e-324), (1.6, 0.0, np.nan), (np.inf, 0.0, 0.5)])
 def test_a_pointer_that_is_nowhere_leaves_the_person_somewhere(open_page, pointer):
     page = open_page(Choices(task="home", policy="hold", shields=(ShieldChoice("yield"),)))
