@@ -31,7 +31,9 @@ from jssa_gym.evaluation.rows import Cell, Row, StressRow, digest_of, states_of
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.policies import POLICIES, Policy
 from jssa_gym.robots import DEFAULT, RobotModel
+from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.registry import UNSHIELDED
+from jssa_gym.tick import codes
 from jssa_gym.types import Status, Trace
 from jssa_gym.validation import check_fields, known_name, number_within, positive_integer, whole_number
 
@@ -137,7 +139,7 @@ class Campaign(EpisodePlan[StressRow]):
             relaxed=counts[Status.RELAXED],
             failsafe=counts[Status.FAILSAFE],
             faulty=counts[Status.FAULT],
-            no_stop=sum(reason.startswith("no stop") for reason in stops),
+            no_stop=sum(reason.startswith(REASONS[codes.LIMITS]) for reason in stops),
             interventions=int(trace.intervened.sum()),
             first_fault=next(filter(None, faults), ""),
             joint_speed=float(np.linalg.norm(trace.velocity, axis=1).mean()),

@@ -6,6 +6,7 @@ import numpy as np
 
 from jssa_gym.shields.alarm import Alarm
 from jssa_gym.shields.reading import words_of
+from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.tick import Tick
 from jssa_gym.tick import codes, loop
 from jssa_gym.tick.decide import ANSWERED, ASK
@@ -62,7 +63,7 @@ def _response(filter: "SafetyFilter", alarm: Alarm, tick: Tick) -> Decision:
     try:
         return _sound(filter.respond(tick), tick.nominal.shape)
     except Exception as error:  # whatever a filter runs into, the arm must go on safely
-        reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
+        reason = f"{REASONS[codes.FIXTURES]}: {type(error).__name__}: {words_of(error)}"
         alarm.failure("filter", f"{reason}; the arm brakes")
         return filter.failed(tick, reason)
 

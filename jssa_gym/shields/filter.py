@@ -341,7 +341,7 @@ class SafetyFilter:
             answer = self._answer(nominal, decision)
             return answer if path is None else self._chosen(path, answer)
         except Exception as error:  # reading raises for no scene: this came from the step itself
-            reason = f"the control step failed: {type(error).__name__}: {words_of(error)}"
+            reason = f"{REASONS[codes.FAILED]}: {type(error).__name__}: {words_of(error)}"
             emergency = self._emergency(scene, nominal, reason, decided)
             return emergency if path is None else emergency._replace(override=tell(path, -1, self._alarm))
 
@@ -369,7 +369,7 @@ class SafetyFilter:
             return Decision(jerk, nominal, Status.NOMINAL, "", phi, distance, (row, column), slack, rows, margin)
         told, pair = Told(*numbers), (row, column)
         if proposed is not None and told.chosen <= 0 and told.code in (0, codes.FOREIGN):
-            reason = proposed.reason + ("; no verified stop" if told.unverified else "")
+            reason = proposed.reason + (f"; {REASONS[codes.UNVERIFIED]}" if told.unverified else "")
         else:
             reason = self._say(told, nominal)
         if proposed is not None and told.chosen > 0 and not np.isnan(phi):
@@ -421,7 +421,7 @@ class SafetyFilter:
                 self._brake(scene)
             jerk = view.jerk.copy()
             if view.told[0]["unverified"]:
-                reason = f"{reason}; no verified stop"
+                reason = f"{reason}; {REASONS[codes.UNVERIFIED]}"
         except Exception:
             self._alarm.failure("brake", "the arm cannot even brake")
         self._alarm.fault(reason, persistent=False)

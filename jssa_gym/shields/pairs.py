@@ -6,7 +6,9 @@ import numpy as np
 
 from jssa_gym.safety.pairs import Pairs
 from jssa_gym.shields.filter import SafetyFilter
+from jssa_gym.shields.reasons import REASONS
 from jssa_gym.shields.tick import Tick
+from jssa_gym.tick import codes
 from jssa_gym.types import Array, Decision, Status
 
 
@@ -33,7 +35,7 @@ class PairFilter(SafetyFilter):
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by its value
             index = pairs.index(*self.coefficients())
             if not np.isfinite(pairs.motion).all() or np.isnan(index).any():
-                return self.failed(tick, "a distance or one of its derivatives is not finite")
+                return self.failed(tick, REASONS[codes.DERIVATIVE])
             return self.answer(tick, pairs, index)
 
     def amend(self, tick: Tick, decision: Decision, held: int, halt: Array) -> Array:

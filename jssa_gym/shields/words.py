@@ -1,4 +1,4 @@
-"""What a control step answered, in words: the only place where codes become text."""
+"""What a control step answered, in words: codes become text here, by the texts of ``reasons.py``."""
 
 from collections import namedtuple
 from collections.abc import Mapping
@@ -33,11 +33,11 @@ def in_words(told: Told, nominal: Array, robot: RobotModel, records: Records, re
     if told.status != codes.FAULT:
         return REASONS[told.code]
     if codes.LIMITS <= told.code <= codes.ENTRY:
-        return f"no verified stop: {_obstacle(told, robot, records, reading)}"
+        return f"{REASONS[codes.UNVERIFIED]}: {_obstacle(told, robot, records, reading)}"
     reason = fault_in_words(told, records, reading)
     if records.settings.guarded and told.code != codes.NOT_FINITE_NOMINAL and not np.isfinite(nominal).all():
         reason = f"{BAD_INPUTS[1]}; {reason}"
-    return f"{reason}; no verified stop" if told.unverified else reason
+    return f"{reason}; {REASONS[codes.UNVERIFIED]}" if told.unverified else reason
 
 
 def kind_of(told: Told) -> Kind:
@@ -92,10 +92,8 @@ def reason_codes(told: NDArray[Any], finite: NDArray[np.bool_], guarded: bool) -
 def _obstacle(told: Told, robot: RobotModel, records: Records, reading: Reading) -> str:
     """What stands in the way of a stop."""
     if told.code == codes.LIMITS:
-        return f"no stop inside the joint limits{_outside(robot, records)}"
-    if told.code == codes.UNDECIDED:
-        return "its stop takes too many checks"
-    if told.code == codes.CROWDED:
+        return REASONS[told.code] + _outside(robot, records)
+    if told.code in (codes.UNDECIDED, codes.CROWDED):
         return REASONS[told.code]
     part, when = robot.capsule_names[told.capsule], f"{told.moment:.3f} s"
     if told.detail == ENTRY:
@@ -118,36 +116,36 @@ def _outside(robot: RobotModel, records: Records) -> str:
 
 def fault_in_words(told: Told, records: Records, reading: Reading) -> str:
     """What failed."""
-    code, wrong = told.code, reading.wrong
+    code, wrong, reason = told.code, reading.wrong, REASONS.get(told.code, "")
     arm, now = records.memory.arm[0], float(records.scene.now[0]["time"])
     if code < 0:
         why = fault_in_words(told._replace(code=-code), records, reading)
         return f"{why}; right again, but not for long enough to be believed"
     if code == codes.SCENE:
-        return f"the scene does not fit: {FIXTURES[told.detail] or wrong['people'] or wrong['fixtures']}"
+        return f"{reason}: {FIXTURES[told.detail] or wrong['people'] or wrong['fixtures']}"
     if code == codes.JOINTS:
-        return f"the joint state cannot be read: {wrong['joints']}"
+        return f"{reason}: {wrong['joints']}"
     if code == codes.PEOPLE:
         time = f"the time went back from {arm['people_time']:g} s to {told.moment:g} s"
         if told.detail == NO_TIME:
             time = f"the time is {told.moment}"
-        return f"the people cannot be read: {time if told.detail else wrong['people'] or wrong['clock']}"
+        return f"{reason}: {time if told.detail else wrong['people'] or wrong['clock']}"
     if code == codes.LAGS:
-        return f"the joint state lags by {told.ticks} tick{'s' if told.ticks > 1 else ''}"
+        return f"{reason} {told.ticks} tick{'s' if told.ticks > 1 else ''}"
     if code == codes.CLOCK_UNREADABLE:
-        return f"the clock cannot be read: {wrong['clock']}"
+        return f"{reason}: {wrong['clock']}"
     if code == codes.CLOCK_NOT_FINITE:
-        return f"the time is {now}"
+        return f"{reason} {now}"
     if code == codes.CLOCK_BACK:
-        return f"the clock went back from {arm['time']:g} s to {now:g} s"
+        return f"{reason} from {arm['time']:g} s to {now:g} s"
     if code == codes.CLOCK_STILL:
-        return f"the clock stands still at {now:g} s: the joint state is not of this tick"
+        return f"{reason} at {now:g} s: the joint state is not of this tick"
     if code == codes.FIXTURES:
-        return f"the filter failed: ValueError: {wrong['fixtures'] or FIXTURES[1]}"
+        return f"{reason}: ValueError: {wrong['fixtures'] or FIXTURES[1]}"
     if code == codes.ANSWER:
         return UNFIT[told.detail]
     if code == codes.UNWATCHED:
-        return f"{REASONS[code]} for {told.moment:.3g} s"
+        return f"{reason} for {told.moment:.3g} s"
     if codes.TRUST < code < codes.TRUST + 10:
         return _distrust(told, records, reading)
     return _LONGER.get(code) or REASONS[code]
@@ -155,8 +153,8 @@ def fault_in_words(told: Told, records: Records, reading: Reading) -> str:
 
 _LONGER = {
     codes.OTHER_TICK: "the people are of another tick",
-    codes.FROZEN: "the joint state is frozen: the same again though the arm has moved",
-    codes.MOVING: "the arm moves in the first reading; with a state_tolerance it has to begin at rest",
+    codes.FROZEN: f"{REASONS[codes.FROZEN]}: the same again though the arm has moved",
+    codes.MOVING: f"{REASONS[codes.MOVING]}; with a state_tolerance it has to begin at rest",
 }
 """Where a reason says more than its beginning in :data:`~jssa_gym.shields.reasons.REASONS`."""
 

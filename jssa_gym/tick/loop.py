@@ -1,4 +1,4 @@
-"""Arms one after the other: the only loop over them."""
+"""Arms one after the other: the only loop in which they decide; how they move is in ``moves``."""
 
 from jssa_gym.kernels.jit import jit
 from jssa_gym.tick import decide as step

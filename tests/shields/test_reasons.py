@@ -44,8 +44,12 @@ def texts_in(node):
     match node:
         case ast.Constant(value=str(text)):
             yield text
+        case ast.Subscript(value=ast.Name(id="REASONS"), slice=ast.Attribute(value=ast.Name(id="codes"), attr=name)):
+            yield REASONS[getattr(codes, name)]
         case ast.JoinedStr(values=values):
-            yield "".join(str(v.value) if isinstance(v, ast.Constant) else "x" for v in values)
+            yield "".join(next(iter(texts_in(v)), "x") for v in values)
+        case ast.FormattedValue(value=value):
+            yield from texts_in(value)
         case ast.IfExp(body=body, orelse=other):
             yield from texts_in(body)
             yield from texts_in(other)
