@@ -136,7 +136,7 @@ def _stream(name, old, new, tests):
 PERSON = """                radii = part["radius"] + agent["radius"]
 """
 STATIC = """                radii = part["radius"] + static["radius"]"""
-FAILED = """        reason = f"the filter failed: {type(error).__name__}: {words_of(error)}"
+FAILED = """        reason = f"{REASONS[codes.FILTER_FAILED]}: {type(error).__name__}: {words_of(error)}"
         alarm.failure("filter", f"{reason}; the arm brakes")
         return filter.failed(tick, reason)"""
 ROW = """        row[j] = -slope"""
@@ -1155,7 +1155,7 @@ MUTANTS = [
         "tick/proposals/exact.py",
         "CLOSE = -1e-6",
         "CLOSE = 1.0",
-        ("tests/shields/test_shield.py", "projected_jerk_is_the_nearest or keep_the_closest_pair"),
+        ("tests/shields/test_shield.py", "projector_that_fails"),
     ),
     # people who come and go
     _kernel(

@@ -63,7 +63,7 @@ def _response(filter: "SafetyFilter", alarm: Alarm, tick: Tick) -> Decision:
     try:
         return _sound(filter.respond(tick), tick.nominal.shape)
     except Exception as error:  # whatever a filter runs into, the arm must go on safely
-        reason = f"{REASONS[codes.FIXTURES]}: {type(error).__name__}: {words_of(error)}"
+        reason = f"{REASONS[codes.FILTER_FAILED]}: {type(error).__name__}: {words_of(error)}"
         alarm.failure("filter", f"{reason}; the arm brakes")
         return filter.failed(tick, reason)
 

@@ -87,7 +87,7 @@ REASONS: Mapping[int, str] = {
     codes.ASTRAY: "the joint state is not where the last jerk led",
     codes.LEAPT: "the clock leapt ahead of the arm",
     **{codes.TRUST + k: f"... of person ...: {what}" for k, what in enumerate(SAMPLES, 1)},
-    codes.FIXTURES: "the filter failed",
+    codes.FILTER_FAILED: "the filter failed",
     codes.ANSWER: "the filter's answer",
     codes.UNSOLVED: "the projection found no solution",
     codes.INDEX: "the safety index is not finite",

@@ -140,7 +140,7 @@ def fault_in_words(told: Told, records: Records, reading: Reading) -> str:
         return f"{reason} from {arm['time']:g} s to {now:g} s"
     if code == codes.CLOCK_STILL:
         return f"{reason} at {now:g} s: the joint state is not of this tick"
-    if code == codes.FIXTURES:
+    if code == codes.FILTER_FAILED:
         return f"{reason}: ValueError: {wrong['fixtures'] or FIXTURES[1]}"
     if code == codes.ANSWER:
         return UNFIT[told.detail]

@@ -36,8 +36,9 @@ TRUST = 410
 """A person's capsule is not to be trusted; the code is this and what became of its sample
 (:mod:`jssa_gym.kernels.people`), from 1."""
 
-FOREIGN, FIXTURES, FAILED = 420, 421, 428
-"""A filter that is not compiled says so itself; what stands still makes no rows; the control step failed."""
+FOREIGN, FILTER_FAILED, FAILED = 420, 421, 428
+"""A filter that is not compiled says so itself; a filter failed (compiled: what stands still makes no rows); the control
+step failed."""
 
 ANSWER, UNSOLVED, UNVERIFIED = 422, 423, 427
 """The filter's answer is unfit; there is no projection; no verified stop."""

@@ -348,7 +348,7 @@ def test_stress_counts_and_the_same_command_adds_nothing(tmp_path, here):
     assert runs[0].stdout == runs[1].stdout
     result = json.loads(runs[0].stdout)
     assert [(row["filter"], row["human"]) for row in result["rows"]] == [
-        (shield, human) for human in ("pursuit", "hand") for shield in ("full", "none")
+        (shield, human) for human in ("pursuit", "hand") for shield in ("full", "unshielded")
     ]
     assert all(row["contacts"]["n"] == 4 and row["moving"]["high"] > 0.0 for row in result["rows"])
     assert result["broken"] == 0

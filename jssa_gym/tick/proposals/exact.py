@@ -42,12 +42,12 @@ class ExactRows(NamedTuple):
 def people_ahead(settings, memory, scene, work, e):
     """Let rows see everybody at the end of the step, and what stands still too, if asked for.
 
-    Returns 0, or ``FIXTURES`` if what stands still is no such thing.
+    Returns 0, or ``FILTER_FAILED`` if what stands still is no such thing.
     """
     people = memory.tracks.shape[1]
     if settings.static_rows:
         if not scene.now[e]["fixtures"]:
-            return codes.FIXTURES
+            return codes.FILTER_FAILED
         for k in range(scene.static_radius.shape[1]):
             agent, total = work.agents[people + k], 0.0
             for i in range(3):
@@ -57,7 +57,7 @@ def people_ahead(settings, memory, scene, work, e):
                 total += agent["start"][i] + agent["end"][i] + agent["start_velocity"][i] + agent["end_velocity"][i]
             agent["radius"] = scene.static_radius[e, k]
             if not (np.isfinite(total) and 0.0 < agent["radius"] < np.inf):
-                return codes.FIXTURES
+                return codes.FILTER_FAILED
         for k in range(scene.offset.shape[1]):
             plane, length2 = work.planes[k], 0.0
             for i in range(3):
@@ -65,7 +65,7 @@ def people_ahead(settings, memory, scene, work, e):
                 length2 += plane["normal"][i] ** 2
             plane["offset"] = scene.offset[e, k]
             if not (abs(np.sqrt(length2) - 1.0) < 1e-6 and np.isfinite(plane["offset"])):
-                return codes.FIXTURES
+                return codes.FILTER_FAILED
     advance(work.agents, settings.dt)
     return 0
 
