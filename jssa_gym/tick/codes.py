@@ -37,8 +37,8 @@ TRUST = 410
 (:mod:`jssa_gym.kernels.people`), from 1."""
 
 FOREIGN, FILTER_FAILED, FAILED = 420, 421, 428
-"""A filter that is not compiled says so itself; a filter failed (compiled: what stands still makes no rows); the control
-step failed."""
+"""A filter that is not compiled says so itself; a filter failed (a compiled one: what stands still makes no rows); the
+control step failed."""
 
 ANSWER, UNSOLVED, UNVERIFIED = 422, 423, 427
 """The filter's answer is unfit; there is no projection; no verified stop."""
