@@ -4,6 +4,7 @@ import ast
 import itertools
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -60,6 +61,10 @@ WHOLLY_HEAVY = (
 """Modules that import such libraries at once, and are themselves imported by others inside functions only."""
 
 
+parsed = cache(ast.parse)
+"""A module's source as a tree, which none of the tests changes."""
+
+
 def _for_type_checkers(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
 
@@ -89,7 +94,7 @@ def imports(tree: ast.Module, module: str, package: bool = False):
 
 def violations(source: str, module: str, package: bool = False) -> list[str]:
     """What one module's source does against the rules; ``module`` is its dotted name, e.g. jssa_gym.envs.arm."""
-    tree, found = ast.parse(source), []
+    tree, found = parsed(source), []
     inner = module.removeprefix("jssa_gym").removeprefix(".")
     own = inner.split(".")[0]
     if own and own not in LEVEL:
@@ -136,7 +141,6 @@ def sources() -> list[tuple[str, bool, Path]]:
     return listed
 
 
-@pytest.mark.long
 def test_a_module_imports_only_from_below():
     found = (violations(path.read_text(), module, package) for module, package, path in sources())
     assert [wrong for some in found for wrong in some] == []
@@ -148,12 +152,11 @@ def test_all_layers_of_the_package_were_read():
     assert {"plots", "evaluation", "train", "paper", "certificate", "cli", "exceptions", "headless", "__main__"} <= seen
 
 
-@pytest.mark.long
 def test_no_two_classes_have_one_name():
     classes = [
         node.name
         for _, _, path in sources()
-        for node in ast.parse(path.read_text()).body
+        for node in parsed(path.read_text()).body
         if isinstance(node, ast.ClassDef)
     ]
     assert len(classes) > 100
@@ -244,11 +247,10 @@ def test_tests_stand_where_what_they_test_does():
     assert [name for name in packages if not any((tests / name).glob("test_*.py"))] == []
 
 
-@pytest.mark.long
 def test_a_docstring_says_what_something_is_before_what_it_is_of():
     told = []
     for module, _, path in sources():
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path.read_text())):
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
                 first = (ast.get_docstring(node) or "None").split()[0]
                 told += [f"{module}.{node.name}: {first}"] if first in ("Of", "In", "By", "At", "From", "For") else []

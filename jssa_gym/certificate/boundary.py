@@ -12,7 +12,7 @@ from jssa_gym.kernels.records import AGENT, FRAME, PAIR, PLANE, SEGMENT, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.safety.index import IndexParams
 from jssa_gym.types import Array
-from jssa_gym.validation import check_fields, known_name, low_high, number_within, positive_number
+from jssa_gym.validation import check_fields, known_name, low_high, number_within, positive_number, true_or_false
 
 KEPT = 1e-6
 """Index [m²] up to which a state counts as kept, as in the filter."""
@@ -42,7 +42,7 @@ class Domain:
     tip_speed: float = 1.0
     """The tool centre point is no faster [m/s]."""
     human_speed: float = 1.0
-    """Nor is the person, who keeps the velocity [m/s]."""
+    """The person, who keeps the velocity, is no faster [m/s]."""
     distance: tuple[float, float] = (0.05, 1.2)
     """Range of the surface distance [m]."""
     speed_share: float = 0.3
@@ -64,8 +64,7 @@ class Domain:
         check_fields(self, ("distance",), low_high)
         check_fields(self, ("speed_share", "acceleration_share"), number_within, 0.0, 1.0)
         check_fields(self, ("authority", "band"), number_within, 0.0)
-        if not isinstance(self.viable, bool):
-            raise ParameterError(f"viable has to be True or False, got {self.viable!r}")
+        check_fields(self, ("viable",), true_or_false)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,17 +101,17 @@ class Looks(NamedTuple):
     jerk: Array
     r""":math:`\dddot D` in that step, shape (N,) [m/s³]."""
     distance: Array
-    """Shape (N,) [m]."""
+    """Surface distances, shape (N,) [m]."""
     rate: Array
-    """Shape (N,) [m/s]."""
+    """Their rates of change, shape (N,) [m/s]."""
     authority: Array
-    """Shape (N,) [m/s³]."""
+    """Jerk that the joints can give them, shape (N,) [m/s³]."""
     tip_speed: Array
-    """Shape (N,) [m/s]."""
+    """Speeds of the tool centre point, shape (N,) [m/s]."""
     genes: Array
     """The draws that they came from, shape (N, 3n + 11): what a search changes."""
     joints: Array
-    """Shape (N, 3, n)."""
+    """Joint states, shape (N, 3, n) [rad, rad/s, rad/s²]."""
     people: NDArray
     """Shape (N,) of ``AGENT``."""
 

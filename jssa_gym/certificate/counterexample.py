@@ -8,7 +8,7 @@ import numpy as np
 
 from jssa_gym.certificate.boundary import BoundaryState
 from jssa_gym.evaluation.identity import code_version
-from jssa_gym.evaluation.trace import beginning, load_trace, read_meta, save_trace, trace_of
+from jssa_gym.evaluation.trace import TASKLESS, TASKLESS_STEP, beginning, load_trace, read_meta, save_trace, trace_of
 from jssa_gym.exceptions import TraceError
 from jssa_gym.humans import nobody
 from jssa_gym.kernels.motion import integrate, violates
@@ -73,6 +73,7 @@ def play_on(
         rows.append(
             {
                 "time": scene.time,
+                **TASKLESS_STEP,
                 **scene.robot._asdict(),
                 "jerk": decision.jerk,
                 "nominal": wanted,
@@ -94,6 +95,7 @@ def play_on(
             }
         )
     once = {
+        **TASKLESS,
         **beginning(robot, found.joints, first.human, _NO_PLANES),
         "name": f"{found.capsule}, lambda = ({index.lambda1:g}, {index.lambda2:g})",
         "dt": dt,

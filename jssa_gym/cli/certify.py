@@ -32,6 +32,7 @@ _RESULTS = ("certificate.json", "chunks.jsonl", "map.json")
 class Certify:
     """Does some admissible jerk always keep the safety index, Eq. (7)? Sampled, then searched for worse.
 
+    It is about a domain of states, which --tip-speed, --human-speed, --distance and the options up to --viable bound.
     The exit code is 1 if a counter-example was found in the domain. What was interrupted goes on when the same command
     is given again; a map (--sweep) begins anew. With the defaults it takes about half a minute of one core, ten million
     states some minutes.

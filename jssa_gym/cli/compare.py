@@ -39,7 +39,7 @@ class Compare:
     humans: Annotated[tuple[str, ...], HUMAN] = ("walk_by", "approach_retreat")
     policies: Annotated[tuple[str, ...], POLICY] = ("jpc",)
     episodes: int = 20
-    """Number of every combination."""
+    """Episodes of every combination."""
     seed: int = 0
     """First seed."""
     seconds: float = 8.0

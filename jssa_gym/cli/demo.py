@@ -100,8 +100,8 @@ class Demo:
             written = ["metrics.json", "profile.png"]
             if self.video:
                 written.append("side_by_side.mp4")
-                look = {"pretty": self.pretty, "capsules": self.capsules}
-                save_film(self.out / written[-1], traces, robot, progress, **look)
+                path, pretty, capsules = self.out / written[-1], self.pretty, self.capsules
+                save_film(path, traces, robot, progress, pretty=pretty, capsules=capsules)
         if self.json:
             print(json.dumps(as_json(summaries), indent=2))
         else:

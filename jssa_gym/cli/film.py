@@ -136,10 +136,16 @@ def rate_of(trace: Trace) -> int:
 
 
 def save_film(
-    path: Path, traces: Sequence[Trace], robot: RobotModel, progress: Progress | None = None, **look: bool
+    path: Path,
+    traces: Sequence[Trace],
+    robot: RobotModel,
+    progress: Progress | None = None,
+    *,
+    pretty: bool = False,
+    capsules: bool = False,
 ) -> None:
-    """Write the film of :func:`film`, under a bar if there is one; ``look`` is what it takes besides."""
-    frames: Iterable[NDArray[np.uint8]] = film(traces, robot, **look)
+    """Write the film of :func:`film`, under a bar if there is one."""
+    frames: Iterable[NDArray[np.uint8]] = film(traces, robot, pretty=pretty, capsules=capsules)
     if progress is not None:
         frames = progress.track(frames, total=pictures(traces), description="filming")
     plots.write_film(path, iter(frames), rate=rate_of(traces[0]))

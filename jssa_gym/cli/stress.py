@@ -52,7 +52,7 @@ class Stress:
     policies: Annotated[tuple[str, ...], OPPONENTS] = ()
     faults: Annotated[tuple[str, ...], WRONG] = ()
     episodes: int | None = None
-    """Number of every combination."""
+    """Episodes of every combination."""
     out: Path = Path("stress")
     """Folder for the results; a campaign that is there already is continued."""
     task: Annotated[str, TASK] = "home"

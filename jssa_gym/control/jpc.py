@@ -119,7 +119,7 @@ class JPC:
         """Whether there is something left to do."""
         self._task = False  # whether there is a task, done or not: what was reached has to be held
         self.tick = 0
-        """Which of the episode it is."""
+        """Number of control steps of the episode so far."""
         self._plan: Plan | None = None
         self._read = 0  # ticks of the plan that have been read
         self._passed = 0  # waypoints of it that have been counted

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from jssa_gym.datasets.episode import EpisodeData, collect
 from jssa_gym.datasets.recipe import Recipe
 from jssa_gym.evaluation.identity import code_version
-from jssa_gym.exceptions import MissingExtraError, ParameterError, StorageError
+from jssa_gym.exceptions import MissingExtraError, ParameterError, StorageError, how_to_install
 from jssa_gym.storage import read_text, refused, whole_file, write_json
 
 DATA, METADATA = "main_data.hdf5", "metadata.json"
@@ -123,7 +123,7 @@ def _h5py() -> Any:
     try:
         import h5py
     except ImportError as error:
-        raise MissingExtraError("data sets need the extra 'data': pip install 'jssa-gym[data]'") from error
+        raise MissingExtraError(f"data sets need the extra 'data': {how_to_install('data')}") from error
     return h5py
 
 

@@ -217,8 +217,9 @@ CONTENDERS: dict[str, Contender] = {
 }
 """Shields by the names that campaigns have for them, whole ones first.
 
-``full`` is ``jssa+stop``, ``published`` is ``jssa_published``, and ``none`` is no shield at all, where elsewhere it
-is a filter that keeps the jerk bounds and brakes for a fault. Filters under their own names: :func:`contender`.
+``full`` is ``jssa+stop``, ``published`` is ``jssa_published``, and ``unshielded`` is no shield at all; ``none`` is the
+filter, as everywhere, which keeps the jerk bounds and brakes for a fault. Filters under their own names:
+:func:`contender`.
 """
 
 

@@ -94,10 +94,10 @@ class Judgement:
     state_error: float
     """Largest deviation of a recorded joint state from what Eq. (1) makes of the last one; share of the limits."""
     contacts: tuple[Contact, ...]
-    """With people, in the order of their beginning."""
+    """Contacts with people, in the order of their beginning."""
     self_collisions: tuple[Overlap, ...]
     plane_collisions: tuple[Overlap, ...]
-    """With table or floor."""
+    """Overlaps with table or floor."""
     excess: Excess
     """Excess over the joint limits, at the sub-steps."""
     tolerance: float

@@ -13,7 +13,7 @@ from jssa_gym.envs.arm import MOVING
 from jssa_gym.envs.repeat import ActionRepeat
 from jssa_gym.evaluation.definitions import metrics_of
 from jssa_gym.evaluation.steps import Steps, StepSummary, summarise_steps
-from jssa_gym.evaluation.trace import UNSHIELDED
+from jssa_gym.evaluation.trace import WITHOUT_SHIELD
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.shields.reasons import OUTSIDE
 from jssa_gym.shields.wrappers import layer_of
@@ -97,7 +97,7 @@ class RecordSafety(gym.Wrapper, gym.utils.RecordConstructorArgs):
                     *(info[name] for name in _NEEDED),
                     info.get("shield/status", 0),
                     info.get("shield/reason", OUTSIDE) != OUTSIDE,
-                    *(info.get(f"shield/{name}", UNSHIELDED[name]) for name in _TOLD),
+                    *(info.get(f"shield/{name}", WITHOUT_SHIELD[name]) for name in _TOLD),
                 )
             )
         except KeyError as error:

@@ -12,13 +12,13 @@ from jssa_gym.envs.arm import MOVING
 from jssa_gym.envs.vector import VectorArmEnv
 from jssa_gym.evaluation.record import COLUMNS, as_numbers, summary_of
 from jssa_gym.evaluation.steps import StepSummary
-from jssa_gym.evaluation.trace import UNSHIELDED
+from jssa_gym.evaluation.trace import WITHOUT_SHIELD
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.tick.codes import CLIPPED
 from jssa_gym.validation import number_within, positive_integer
 from jssa_gym.vectors import Infos, stacked, wrapper_with
 
-_ABSENT = {f"shield/{name}": absent for name, absent in UNSHIELDED.items()} | {"shield/reason_code": CLIPPED}
+_ABSENT = {f"shield/{name}": absent for name, absent in WITHOUT_SHIELD.items()} | {"shield/reason_code": CLIPPED}
 """What is taken down without a shield."""
 
 

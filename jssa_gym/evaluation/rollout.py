@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from jssa_gym.evaluation.trace import UNSHIELDED, beginning, trace_of
+from jssa_gym.evaluation.trace import WITHOUT_SHIELD, beginning, trace_of
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.policies import Policy
 from jssa_gym.shields import SafetyFilter, Shield
@@ -108,7 +108,7 @@ class Recorder:
                 "pair": (closest.robot, closest.human),
                 "contact": info["contact"],
                 "contact_speed": info["contact_speed"],
-                **{name: info[f"shield/{name}"] for name in UNSHIELDED if f"shield/{name}" in info},
+                **{name: info.get(f"shield/{name}", absent) for name, absent in WITHOUT_SHIELD.items()},
                 "shield_time": np.nan if watch is None else watch.elapsed,
                 "human_start": scene.human.start,
                 "human_end": scene.human.end,

@@ -9,7 +9,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from jssa_gym.envs.vector import VectorArmEnv
-from jssa_gym.evaluation.trace import UNSHIELDED, beginning, trace_of_columns
+from jssa_gym.evaluation.trace import WITHOUT_SHIELD, beginning, trace_of_columns
 from jssa_gym.exceptions import InterfaceError
 from jssa_gym.policies.vector import VectorPolicy, arms_of
 from jssa_gym.shields.vector_perceived import PerceivingShield
@@ -18,7 +18,7 @@ from jssa_gym.tick import layout
 from jssa_gym.types import Array, CapsuleSet, Status, Trace
 from jssa_gym.vectors import Infos, Mask
 
-_TOLD = {name: absent for name, absent in UNSHIELDED.items() if not isinstance(absent, str)}
+_TOLD = {name: absent for name, absent in WITHOUT_SHIELD.items() if not isinstance(absent, str)}
 """What a shield says in numbers, and what stands there without one."""
 
 _KINDS = np.array(KINDS, object)

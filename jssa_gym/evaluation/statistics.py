@@ -1,5 +1,6 @@
 """How sure one can be of a mean and a difference; of a rate, see :mod:`jssa_gym.rates`."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -51,18 +52,23 @@ def bootstrap_interval(
     tail_of(confidence)  # is one
     if len(array) == 1:  # which scipy refuses
         return (value := float(statistic(array))), value
-    from scipy.stats import bootstrap
+    from scipy.stats import DegenerateDataWarning, bootstrap
 
-    low, high = bootstrap(
-        (np.arange(len(array)),),  # rows are drawn by their numbers
-        lambda drawn: float(statistic(array[drawn])),
-        n_resamples=resamples,
-        batch=max(1, _LARGEST // len(array)),
-        vectorized=False,
-        confidence_level=confidence,
-        method="percentile",
-        random_state=np.random.default_rng(seed),
-    ).confidence_interval
+    with warnings.catch_warnings():
+        # of a statistic that is NaN, and of a standard error that is not asked for
+        warnings.simplefilter("ignore", DegenerateDataWarning)
+        for text in ("Degrees of freedom", "invalid value encountered in scalar divide"):
+            warnings.filterwarnings("ignore", text, RuntimeWarning)
+        low, high = bootstrap(
+            (np.arange(len(array)),),  # rows are drawn by their numbers
+            lambda drawn: float(statistic(array[drawn])),
+            n_resamples=resamples,
+            batch=max(1, 1_000_000 // len(array)),
+            vectorized=False,
+            confidence_level=confidence,
+            method="percentile",
+            random_state=np.random.default_rng(seed),
+        ).confidence_interval
     return float(low), float(high)
 
 

@@ -17,15 +17,15 @@ _WHAT, _VERSION, _EARLIER = "trace", 3, (2,)
 LATER = {"margin": np.nan, "kind": "", "choice": -1, "override": np.nan}
 """What files of version 2, and steps without a shield, do not say; and what stands there instead."""
 
-UNSHIELDED: dict[str, Any] = {
+WITHOUT_SHIELD: dict[str, Any] = {
     "status": int(Status.NOMINAL), "reason": "", "intervened": False, "correction": np.nan, "phi": np.nan,
     "slack": np.nan, **LATER,
 }  # fmt: skip
 """What a shield says of a step, and what stands there without one."""
 
-_TASKLESS: dict[str, Any] = {"dynamics": "kinematic", "task": "", "holds": False}
-_ABSENT: dict[str, Any] = {"goal": (), "reward": 0.0, "success": False, "shield_time": np.nan, **UNSHIELDED}
-"""What is not said of a motion that is no episode of an environment, throughout and of a step."""
+TASKLESS: dict[str, Any] = {"dynamics": "kinematic", "task": "", "holds": False}
+TASKLESS_STEP: dict[str, Any] = {"goal": (), "reward": 0.0, "success": False, "shield_time": np.nan}
+"""What stands in a trace of a motion that is no episode of an environment, throughout and of a step."""
 
 LARGEST = 512 * 2**20
 """Size from which nothing is read, on disk and unpacked [bytes]."""
@@ -74,9 +74,9 @@ def trace_of(once: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Trac
 
     Args:
         once: By field.
-        rows: One a control step, by field; what tasks, rewards and shields say may be missing.
+        rows: One a control step, by field; those of :data:`LATER` may be missing.
     """
-    once, whole = {**_TASKLESS, **once}, [{**_ABSENT, **row} for row in rows]
+    whole = [{**LATER, **row} for row in rows]
     arrays = {
         field: np.array([row[field] for row in whole], kind) for field, kind in _ARRAYS.items() if field not in once
     }

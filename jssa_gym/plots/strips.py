@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
 
 GROUND: Rgb = (34, 38, 43)
-"""Behind text."""
+"""Colour behind text."""
 
 _TEXT: Rgb = (238, 240, 242)
 _QUIET: Rgb = (166, 174, 182)
@@ -33,7 +33,7 @@ class Caption(NamedTuple):
     name: str
     """Name of the run."""
     status: str
-    """In a word or two."""
+    """What happens, in a word or two."""
     colour: str
     """Colour of the status, as ``#rrggbb``."""
     numbers: str

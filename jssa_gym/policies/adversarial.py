@@ -143,7 +143,6 @@ class ChasePolicy:
     def __init__(self, env: gym.Env, seed: int | None = None, damping: float = 0.05) -> None:
         self._env, self._robot = env, env.get_wrapper_attr("robot")
         self._rates = ResolvedRates(self._robot, damping)
-        self.damping = self._rates.damping
         self._cascade = Cascade(self._robot.limits, share=1.0)
 
     def __call__(self, observation: Any) -> Array:
@@ -156,6 +155,11 @@ class ChasePolicy:
         # as a target, so that joints slow down before the ends of their ranges
         target = state.position + velocity / self._cascade.kp
         return self._cascade.jerk(state, target) / robot.limits.jerk
+
+    @property
+    def damping(self) -> float:
+        """Damping of the inverse [m]."""
+        return self._rates.damping
 
     def _towards(self, state: JointState, people: CapsuleSet) -> Array:
         """Joint velocity that moves the tip to the nearest person, shape (n,) [rad/s]."""

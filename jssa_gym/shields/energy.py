@@ -41,7 +41,7 @@ class RowFilter(SafetyFilter):
     ) -> None:
         super().__init__(robot, dt, params, viability=viability, failsafe=failsafe)
         self.projector = ExactProjector(robot.n, weight)
-        """Who satisfies the rows."""
+        """Projector of the nominal onto the rows; part of the compiled step."""
 
     def settings(self) -> StepSettings:
         """The numbers that the control step goes by."""

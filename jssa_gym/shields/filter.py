@@ -76,8 +76,8 @@ class SafetyFilter:
         failsafe: Assumptions of the verified stop; None for no verified stop.
 
     Raises:
-        ParameterError: ``dt`` is not a positive number, ``params`` of another type, ``viability`` no bool or
-            ``failsafe`` no FailsafeParams.
+        ParameterError: ``dt`` is not a positive number, ``params`` of another type, ``viability`` no truth value
+            or ``failsafe`` no FailsafeParams.
     """
 
     params_type: ClassVar[type | None] = None
@@ -93,7 +93,7 @@ class SafetyFilter:
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse to change how a filter looks after an arm: its control step has been told when it was made."""
-        if name in self.fixed and name in self.__dict__:
+        if name in self.__dict__ and (name in self.fixed or (name == "projector" and self.compiled)):
             raise AttributeError(f"{name} of a filter is fixed when it is made: make another one")
         super().__setattr__(name, value)
 

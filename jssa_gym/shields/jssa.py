@@ -83,7 +83,7 @@ class JSSAFilter(SafetyFilter):
         self.index: IndexParams = self.params
         self.rows, self.gradient, self.static_rows = rows, gradient, static_rows
         self.projector = PROJECTORS[projector](robot.n, weight)
-        """Who satisfies the rows; other than the exact one, it is asked in every step."""
+        """Projector of the nominal onto the rows; the exact one is part of the compiled step and cannot be replaced."""
         self._foreign = projector != "exact"
         self._authority = min_authority * self.index.lambda2 * self.dt
 

@@ -45,17 +45,19 @@ class Build(Protocol):
         ...
 
 
-def _jssa(index: IndexParams, **form: Any) -> Build:
-    """The JSSA filter with other defaults: those of its index, and of how it makes its rows."""
+def _jssa_published(
+    robot: RobotModel, dt: float, params: Any = None, /, *, viability: bool = False, failsafe: Any = None
+) -> SafetyFilter:
+    """The paper to the letter, see :meth:`~jssa_gym.shields.JSSAShield.as_published`."""
+    index = PUBLISHED if params is None else params
+    return JSSAFilter(robot, dt, index, **PUBLISHED_FORM, viability=viability, failsafe=failsafe)
 
-    def build(
-        robot: RobotModel, dt: float, params: Any = None, /, *, viability: bool = False, failsafe: Any = None
-    ) -> SafetyFilter:
-        return JSSAFilter(
-            robot, dt, index if params is None else params, **form, viability=viability, failsafe=failsafe
-        )
 
-    return build
+def _jssa_near(
+    robot: RobotModel, dt: float, params: Any = None, /, *, viability: bool = False, failsafe: Any = None
+) -> SafetyFilter:
+    """The same as ``jssa``, giving way later: at 0.6 m instead of 1.4 m of a person who comes at 1 m/s."""
+    return JSSAFilter(robot, dt, NEAR if params is None else params, viability=viability, failsafe=failsafe)
 
 
 PROFILES: dict[str, AheadParams] = {"work": AheadParams(horizon=0.7), "yield": AheadParams(horizon=1.2)}
@@ -78,10 +80,8 @@ def _profile(name: str) -> Build:
 
 FILTERS: dict[str, Build] = {
     "jssa": JSSAFilter,
-    # gives way later: at 0.6 m instead of 1.4 m of a person who comes at 1 m/s
-    "jssa_near": _jssa(NEAR),
-    # the paper to the letter, see JSSAShield.as_published
-    "jssa_published": _jssa(PUBLISHED, **PUBLISHED_FORM),
+    "jssa_near": _jssa_near,
+    "jssa_published": _jssa_published,
     "jssa_ahead": AheadFilter,
     "ssa": SSAFilter,
     "sss": SSSFilter,

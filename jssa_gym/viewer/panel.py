@@ -20,9 +20,9 @@ from jssa_gym.viewer.snapshot import Snapshot
 
 SHIELDS = (
     *(TASK_SHIELD, *PROFILES),
-    *(f"{name}{STOP}" for name in FILTERS if name not in ("stop", "none")),
+    *(f"{name}{STOP}" for name in FILTERS if name != "stop"),
     "stop",
-    *(name for name in FILTERS if name not in ("stop", "none")),
+    *(name for name in FILTERS if name != "stop"),
     UNSHIELDED,
 )
 """Shields of the page: whole ones first."""

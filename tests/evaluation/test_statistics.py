@@ -142,6 +142,8 @@ def test_a_bootstrap_takes_whole_rows():
     assert low == pytest.approx(10.0)
     assert high == pytest.approx(10.0)
     assert bootstrap_interval([7.0], np.median, 0, resamples=5) == (7.0, 7.0)
+    assert len(set(bootstrap_interval([1.0, 2.0, 4.0], np.mean, 0, resamples=1))) == 1
+    assert np.isnan(bootstrap_interval([1.0, 2.0, 4.0], lambda drawn: np.nan, 0, resamples=5)).all()
 
 
 @pytest.mark.parametrize("values", [[], 3.0, [np.nan], [np.inf, 1.0]])

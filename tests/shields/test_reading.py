@@ -11,6 +11,7 @@ from strollers import ball
 import jssa_gym
 from jssa_gym.humans import together
 from jssa_gym.safety.failsafe import FailsafeParams
+from jssa_gym.safety.projectors import OSQPProjector
 from jssa_gym.shields import JSSAFilter, NoFilter, StopFilter, make_filter
 from jssa_gym.shields.pairs import PairFilter
 from jssa_gym.tick import loop
@@ -134,13 +135,26 @@ def test_what_filters_implemented_before_is_not_passed_over_in_silence(kind, nam
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("viability", True), ("failsafe", None), ("static_rows", True), ("gradient", "printed"), ("recovery", 0.0)],
+    [
+        ("viability", True),
+        ("failsafe", None),
+        ("static_rows", True),
+        ("gradient", "printed"),
+        ("recovery", 0.0),
+        ("projector", OSQPProjector(6)),
+    ],
 )
 def test_how_a_filter_looks_after_an_arm_is_fixed(robot, name, value):
     filter = JSSAFilter(robot, DT)
     with pytest.raises(AttributeError, match=f"{name} of a filter is fixed when it is made"):
         setattr(filter, name, value)
     copy.deepcopy(filter)
+
+
+def test_a_projector_that_is_asked_can_be_replaced(robot):
+    filter = JSSAFilter(robot, DT, projector="osqp")
+    filter.projector = other = OSQPProjector(robot.n)
+    assert filter.projector is other
 
 
 @pytest.mark.parametrize("changes", [{"rows": None}, {"rows": "x"}, {"rows": 10**30}, {"pair": (10**30, 0)}], ids=repr)

@@ -115,7 +115,7 @@ def drive(told, name="jssa", human="pursuit", seed=0, steps=500, params=None, wr
     shield.reset(seed=seed)
     policy = BangBangPolicy(base, seed)
     limits = base.robot.limits
-    bounds = limits.bounds()
+    bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
     seen = []
     for _ in range(steps):
         *_, info = shield.step(policy(None))
@@ -438,7 +438,7 @@ def test_a_tolerance_survives_json():
 def test_the_drift_that_is_believed_is_bounded(robot):
     """However a reading creeps away, what is believed is within the tolerance, or a billionth of the limits."""
     limits = robot.limits
-    bounds = limits.bounds()
+    bounds = np.array([*limits.position.T, limits.velocity, limits.acceleration, limits.jerk])
     size = np.array([bounds[1] - bounds[0], bounds[2], bounds[3]])
     rng = np.random.default_rng(0)
     for tolerance in (np.zeros((3, 6)), np.full((3, 6), 1e-3)):

@@ -261,7 +261,7 @@ def test_no_message_switches_the_shield_of_a_saved_policy_off(open_page):
     with visitor(page.server.port) as driver:
         eventually(lambda: page.server.viser.get_clients())
         shield = page.panel.handles["shield"]
-        for name in ("unshielded", "jssa", "jssa_published"):
+        for name in ("unshielded", "none", "jssa", "jssa_published"):
             assert name in shield.options
             driver.say({"type": "GuiUpdateMessage", "uuid": uuid_of(page, shield), "updates": {"value": name}})
             eventually(lambda: "verified stop" in page.runner.snapshot.message)

@@ -163,7 +163,7 @@ def test_a_task_that_finds_no_goal_changes_nothing(monkeypatch):
     assert session.number == number + 2
 
 
-@pytest.mark.parametrize("open_one", [UNSHIELDED, "jssa_published", "ssa", "jssa"])
+@pytest.mark.parametrize("open_one", [UNSHIELDED, "none", "jssa_published", "ssa", "jssa"])
 def test_a_saved_policy_is_never_without_a_verified_stop(open_one):
     for shields in ((ShieldChoice(open_one),), (ShieldChoice("yield"), ShieldChoice(open_one))):
         with pytest.raises(ParameterError, match="verified stop"):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jssa_gym.envs.surroundings import Surroundings
-from jssa_gym.evaluation.trace import LATER, beginning, trace_of
+from jssa_gym.evaluation.trace import LATER, TASKLESS, TASKLESS_STEP, WITHOUT_SHIELD, beginning, trace_of
 from jssa_gym.kernels.motion import violates
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array, CapsuleSet, Decision, Planes, Status, Trace
@@ -72,6 +72,7 @@ def traced(
     """
     around, bounds = Surroundings(robot, len(people.names)), robot.limits.bounds()
     once = {
+        **TASKLESS,
         **beginning(robot, of.states[0], people.at(ends[0], ends[0], dt), planes),
         "name": name,
         "dt": dt,
@@ -88,6 +89,7 @@ def traced(
         closest = around.closest
         rows.append(
             {
+                **TASKLESS_STEP,
                 "time": dt * (k + 1),
                 "position": state[0],
                 "velocity": state[1],
@@ -103,7 +105,7 @@ def traced(
                 "contact_speed": closest.contact_speed,
                 "human_start": ends[k + 1, 0],
                 "human_end": ends[k + 1, 1],
-                **({} if of.decisions is None else _told(of.decisions[k], jerk, nominal, robot)),
+                **(WITHOUT_SHIELD if of.decisions is None else _told(of.decisions[k], jerk, nominal, robot)),
             }
         )
     return trace_of(once, rows)

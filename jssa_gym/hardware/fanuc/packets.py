@@ -3,7 +3,7 @@
 import importlib
 from typing import Any
 
-from jssa_gym.exceptions import MissingExtraError
+from jssa_gym.exceptions import MissingExtraError, how_to_install
 
 
 def airo(module: str) -> Any:
@@ -15,4 +15,4 @@ def airo(module: str) -> Any:
     try:
         return importlib.import_module(f"airo_fanuc.{module}")
     except ImportError as error:
-        raise MissingExtraError("FANUC arms need airo-fanuc: pip install 'jssa-gym[fanuc]'") from error
+        raise MissingExtraError(f"FANUC arms need airo-fanuc: {how_to_install('fanuc')}") from error
