@@ -1,5 +1,6 @@
 """The margin of a stop, and rows from a predicted miss, against arms and people moved by textbook formulas."""
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -63,14 +64,23 @@ def random_case(robot, rng, *, people=2, moves=True):
     return Case(arm, StepAndStop(state, jerk, after, plan, DT), ticks, agents, work)
 
 
-def posture(case, t):
-    """Joint positions and velocities of step and stop at the time t: whole ticks, then the rest."""
-    state, u, tick = case.motion.state, case.motion.jerk.copy(), 0
-    while t > DT:
-        state = np.array(ref.triple_integrator(*state, u, DT))
-        stop_jerk(case.motion.plan, tick, u)
-        tick, t = tick + 1, t - DT
-    return np.array(ref.triple_integrator(*state, u, t))
+def course(case):
+    """Joint positions and velocities of step and stop, by the time t: whole ticks, then the rest."""
+    ticks = [(case.motion.state, case.motion.jerk.copy())]
+
+    def posture(t):
+        tick = 0
+        while t > DT:
+            tick, t = tick + 1, t - DT
+        while tick >= len(ticks):
+            state, u = ticks[-1]
+            after, u = np.array(ref.triple_integrator(*state, u, DT)), u.copy()
+            stop_jerk(case.motion.plan, len(ticks) - 1, u)
+            ticks.append((after, u))
+        state, u = ticks[tick]
+        return np.array(ref.triple_integrator(*state, u, t))
+
+    return posture
 
 
 def chain_of(robot):
@@ -79,13 +89,19 @@ def chain_of(robot):
     ]
 
 
-def gap_of(robot, chain, q, i, agent, t=0.0):
+def ends_of(robot, chain, q):
+    """Ends of the robot's capsules, two of each, in a posture."""
+    poses = ref.link_poses(chain, q)
+    return [
+        [(poses[capsule["link"] + 1] @ np.append(capsule[end], 1.0))[:3] for end in ("start", "end")]
+        for capsule in robot.capsules
+    ]
+
+
+def gap_of(robot, ends, i, agent, t=0.0):
     """Distance of a robot capsule from somebody who goes on for the time t [m]."""
-    capsule = robot.capsules[i]
-    link = int(capsule["link"]) + 1
-    a, b = (ref.point(chain, q, link, capsule[end]) for end in ("start", "end"))
     c, d = (agent[end] + t * agent[f"{end}_velocity"] for end in ("start", "end"))
-    return ref.segment_distance(a, b, c, d)[0] - capsule["radius"] - agent["radius"]
+    return ref.segment_distance(*ends[i], c, d)[0] - robot.capsules[i]["radius"] - agent["radius"]
 
 
 def around_of(case, reach, growth, touch):
@@ -111,10 +127,10 @@ def test_the_margin_is_what_its_formula_says(robot, slowest, quickest):
             case.people["end"] = case.people["start"]  # balls
         reach, growth = rng.uniform(0.0, 0.1, people), rng.uniform(slowest, quickest, people)
         touch = np.append(np.zeros(people - 1), rng.choice([0.0, 0.3]))
-        length, least = DT * (case.ticks + 1), []
+        length, least, posture = DT * (case.ticks + 1), [], course(case)
         for t in length * np.arange(6) / 6:
-            q, *_ = posture(case, t)
-            speeds = [np.abs(posture(case, later)[1]) for later in np.linspace(t, length, 60)]
+            ends = ends_of(robot, chain, posture(t)[0])
+            speeds = [np.abs(posture(later)[1]) for later in np.linspace(t, length, 60)]
             fastest = np.max(speeds, axis=0)
             least.append(np.inf)
             for i, capsule in enumerate(robot.capsules):
@@ -122,7 +138,7 @@ def test_the_margin_is_what_its_formula_says(robot, slowest, quickest):
                 spin = (case.arm.levers[i, :link] + capsule["radius"]) @ fastest[:link]
                 for k, agent in enumerate(case.people):
                     if spin > max(touch[k], REST_SPEED):
-                        room = gap_of(robot, chain, q, i, agent) - reach[k]
+                        room = gap_of(robot, ends, i, agent) - reach[k]
                         least[-1] = min(least[-1], room - growth[k] * (t + DT + length / 6))
         found = margin_of(case.arm, case.motion, case.ticks, around_of(case, reach, growth, touch), case.work)
         seen.append(abs(found - min(least)))
@@ -240,12 +256,17 @@ def first_jerk(x, v, a, T):
 def predicted(robot, chain, case):
     """Per pair the largest demand on the bounds, and its row, by finite differences; and the smallest gap."""
     best, least = {}, np.inf
-    q0, v0, a0 = case.motion.state
+    (q0, v0, a0), posture = case.motion.state, functools.cache(course(case))
+
+    @functools.cache
+    def ends(t, j=0, step=0.0):
+        """With joint j turned by a step."""
+        return ends_of(robot, chain, posture(t)[0] + step * np.eye(robot.n)[j])
+
     for i in range(len(robot.capsules)):
         for k, agent in enumerate(case.people):
             for t in np.arange(31) * FORESIGHT.step:
-                q = posture(case, t)[0]
-                gap = gap_of(robot, chain, q, i, agent, t)
+                gap = gap_of(robot, ends(t), i, agent, t)
                 least = min(least, gap)
                 short = FORESIGHT.d_min + FORESIGHT.growth * t - gap
                 if short > FORESIGHT.deepest:
@@ -254,11 +275,11 @@ def predicted(robot, chain, case):
                     continue
                 row = np.zeros(robot.n)
                 for j in range(robot.n):
-                    step = 1e-6 * np.eye(robot.n)[j]
-                    row[j] = gap_of(robot, chain, q + step, i, agent, t) - gap_of(robot, chain, q - step, i, agent, t)
+                    ahead, behind = (gap_of(robot, ends(t, j, step), i, agent, t) for step in (1e-6, -1e-6))
+                    row[j] = ahead - behind
                 row /= 2e-6
                 T, authority = max(t, FORESIGHT.soonest), np.abs(row) @ case.arm.limits[4]
-                right = first_jerk(short + row @ (q - q0), row @ v0, row @ a0, T)
+                right = first_jerk(short + row @ (posture(t)[0] - q0), row @ v0, row @ a0, T)
                 if authority >= FORESIGHT.authority and right / authority > best.get((i, k), (-np.inf,))[0]:
                     best[i, k] = right / authority, right, row
     return best, least
