@@ -22,7 +22,7 @@ def main() -> None:
         print(f"{name:<10} touched {report.rates['collision_rate']}, success {report.rates['success_rate']}")
     touched = {name: [episode.summary.collision for episode in report.episodes] for name, report in reports.items()}
     difference = paired_difference(touched["jssa+stop"], touched["stop"])
-    print(f"jssa+stop is touched more often than stop by {difference}")
+    print(f"rate of jssa+stop touched minus that of stop: {difference}, p = {difference.p_value:.2g}")
 
 
 if __name__ == "__main__":

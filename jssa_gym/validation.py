@@ -67,6 +67,17 @@ def share(name: str, value: Any) -> float:
     return number
 
 
+def positive_share(name: str, value: Any) -> float:
+    """A number in (0, 1].
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) <= 1.0:
+        raise ParameterError(f"{name} has to be in (0, 1], got {value!r}")
+    return float(value)
+
+
 def known_name(name: str, value: Any, valid: Any) -> str:
     """A string that is one of the valid ones.
 

@@ -7,6 +7,7 @@ import numpy as np
 from jssa_gym.exceptions import ParameterError
 from jssa_gym.robots import JointLimits
 from jssa_gym.types import Array, JointState
+from jssa_gym.validation import positive_share
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,8 +35,7 @@ class Cascade:
     """[1/s]."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.share <= 1.0:
-            raise ParameterError(f"share has to be in (0, 1], got {self.share!r}")
+        positive_share("share", self.share)
         if not all(np.isfinite(k) and k > 0.0 for k in (self.kp, self.kv, self.ka)):
             raise ParameterError(f"gains have to be positive, got {(self.kp, self.kv, self.ka)}")
 

@@ -17,7 +17,7 @@ from jssa_gym.kernels import cascade
 from jssa_gym.kernels.records import FRAME, records
 from jssa_gym.robots import RobotModel
 from jssa_gym.types import Array
-from jssa_gym.validation import positive_number, share
+from jssa_gym.validation import positive_number, positive_share
 
 STIFFNESS, STIFFEST = 30.0, 0.24
 """Poles of the loops that follow a command [1/s]; on coarse grids no more than this over the tick."""
@@ -50,7 +50,7 @@ class Follower:
     """
 
     def __init__(self, robot: RobotModel, dt: float, speed_share: float = 1.0) -> None:
-        self._dt, self._share = positive_number("dt", dt), positive_number("share", share("share", speed_share))
+        self._dt, self._share = positive_number("dt", dt), positive_share("speed_share", speed_share)
         omega = min(STIFFNESS, STIFFEST / self._dt)
         self._gains = omega / 3.0, omega, 3.0 * omega
         n = robot.n

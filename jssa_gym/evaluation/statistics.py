@@ -74,7 +74,7 @@ def bootstrap_interval(
 
 @dataclass(frozen=True, slots=True)
 class PairedDifference:
-    """Rate of the first minus rate of the second, both tried on the same seeds."""
+    """Rate of the first minus rate of the second on the same seeds; in words like ``-0.075 (-0.17 to 0.018)``."""
 
     n: int
     first_only: int
@@ -85,6 +85,9 @@ class PairedDifference:
     high: float
     p_value: float
     """P-value of McNemar's exact test: how likely so unequal counts are if both rates are equal."""
+
+    def __str__(self) -> str:
+        return f"{short(self.value)} ({short(self.low)} to {short(self.high)})"
 
 
 def paired_difference(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> PairedDifference:

@@ -92,6 +92,8 @@ class Guard:
         self.dt = number_within("dt", dt, SHORTEST, LONGEST)
         arm = make_robot(robot)
         self.robot, self._planes = (arm, scene) if isinstance(scene, Planes) else (placed(arm, scene), planes_of(scene))
+        if not isinstance(static, CapsuleSet | None):
+            raise ParameterError(f"static has to be a CapsuleSet or None, got {static!r}")
         self._static = nobody() if static is None else static
         if isinstance(failsafe, bool):
             raise ParameterError(

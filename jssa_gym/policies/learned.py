@@ -14,7 +14,7 @@ from jssa_gym.policies.network import Network
 from jssa_gym.robots import ROBOTS, JointLimits, RobotModel, make_robot
 from jssa_gym.shields.wrappers import layer_of
 from jssa_gym.types import Array, JointState
-from jssa_gym.validation import known_name, number_within, positive_integer, true_or_false
+from jssa_gym.validation import known_name, positive_integer, positive_share, true_or_false
 
 CONTROLS = ("jerk", *MODES)
 """What a network's answer can be."""
@@ -62,9 +62,7 @@ class LearnedPolicy:
         if not isinstance(self.network, Network) or not isinstance(self.limits, JointLimits):
             raise ParameterError("a policy needs a Network and JointLimits")
         known_name("control", self.control, CONTROLS)
-        share = number_within("share", self.share, 0.0, 1.0)
-        if share == 0.0:
-            raise ParameterError("share has to be in (0, 1], got 0")
+        share = positive_share("share", self.share)
         for name in ("task", "robot"):
             if not isinstance(getattr(self, name), str):
                 raise ParameterError(f"{name} has to be a name, got {getattr(self, name)!r}")

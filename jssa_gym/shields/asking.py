@@ -100,11 +100,11 @@ def _sound(decision: Decision, shape: tuple[int, ...]) -> Decision:
         AttributeError, TypeError, ValueError: It is no decision, its jerk no float64 array of that shape, or another
             field not what it should be.
     """
+    if not isinstance(decision, Decision):
+        raise TypeError(f"the answer has to be a Decision, got {type(decision).__name__}")
     jerk = decision.jerk
     if jerk.shape != shape or jerk.dtype != np.float64:
         raise ValueError(f"the answer has shape {jerk.shape} and type {jerk.dtype}")
-    if not isinstance(decision, Decision):
-        raise TypeError(f"the answer is {type(decision).__name__}, no Decision")
     if (
         type(decision.phi) is type(decision.distance) is type(decision.slack) is float
         and type(decision.status) is Status

@@ -122,6 +122,8 @@ class Shield(gym.Wrapper, gym.utils.RecordConstructorArgs):
         elif stop is not False or params:
             given = ", ".join((*params, *(("stop",) if stop is not False else ())))
             raise ParameterError(f"{given}: only for a filter by name; one that was built has its own already")
+        if not isinstance(filter, SafetyFilter):
+            raise ParameterError(f"a filter is a name or a SafetyFilter built for the robot and dt, got {filter!r}")
         robot = refuse_misfit(env, filter)
         if filter.failsafe is not None:
             tell_of_fast_people(env, filter.failsafe)

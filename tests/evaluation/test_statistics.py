@@ -165,6 +165,7 @@ def test_a_paired_difference_by_hand():
     assert result.high == pytest.approx(p - q + half, abs=1e-6)
     # twice the chance of at most 3 of 15 throws of a coin
     assert result.p_value == pytest.approx(2.0 * sum((1, 15, 105, 455)) / 2**15)
+    assert str(result) == f"0.09 ({result.low:.3g} to {result.high:.3g})"
     turned = paired_difference(second, first)
     assert (turned.value, turned.low, turned.high) == pytest.approx((-result.value, -result.high, -result.low))
 

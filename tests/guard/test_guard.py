@@ -124,6 +124,7 @@ def test_another_rate_is_refused(dt):
         ({"failsafe": {"human_sped": 1.0}}, ParameterError, "human_sped"),
         ({"scene": "moon"}, ParameterError, "scene"),
         ({"share": 0.0}, ParameterError, "share"),
+        ({"static": [1]}, ParameterError, "static has to be a CapsuleSet"),
         ({"d_min": -1.0}, ParameterError, "d_min"),
         ({"profile": "work", "lambda1": 1.0}, ParameterError, "does not take"),
         ({"options": {"gradient": "none"}}, ParameterError, "gradient"),

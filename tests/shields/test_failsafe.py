@@ -459,7 +459,7 @@ SICK = {
     "raises": (_raises, "ZeroDivisionError"),
     "NaN": (lambda f, t, d: d._replace(jerk=np.full(6, np.nan)), "not finite"),
     "beyond": (lambda f, t, d: d._replace(jerk=np.full(6, 1e4)), "outside the jerk bounds"),
-    "None": (lambda f, t, d: None, "AttributeError"),
+    "None": (lambda f, t, d: None, "a Decision, got NoneType"),
     "shape": (lambda f, t, d: d._replace(jerk=np.zeros(5)), "shape"),
     "float32": (lambda f, t, d: d._replace(jerk=np.zeros(6, np.float32)), "type"),
     "not the nominal": (lambda f, t, d: d._replace(status=Status.NOMINAL, jerk=d.jerk / 2.0), "not the nominal"),
@@ -468,7 +468,7 @@ SICK = {
     "phi is None": (lambda f, t, d: d._replace(phi=None), "TypeError"),
     "three in a pair": (lambda f, t, d: d._replace(pair=(0, 0, 0)), "ValueError"),
     "a status of its own": (lambda f, t, d: d._replace(status=17), "ValueError"),
-    "a tuple of its own": (lambda f, t, d: OwnDecision(*d[:9]), "OwnDecision, no Decision"),
+    "a tuple of its own": (lambda f, t, d: OwnDecision(*d[:9]), "a Decision, got OwnDecision"),
     "writes into the nominal": (lambda f, t, d: _writes(d), "not the nominal"),
 }
 

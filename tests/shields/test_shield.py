@@ -1402,6 +1402,12 @@ def test_an_environment_needs_robot_dt_and_scene(toy_robot):
         assert isinstance(caught.value, TypeError)
 
 
+@pytest.mark.parametrize("wrong", [NoFilter, 3, None])
+def test_what_is_no_filter_is_refused(toy_robot, wrong):
+    with pytest.raises(ParameterError, match="a filter is a name or a SafetyFilter built"):
+        Shield(ToyEnv(toy_robot), wrong)
+
+
 def test_a_filter_for_another_time_step_is_refused_with_both(toy_robot):
     with pytest.raises(InterfaceError, match=r"0\.008.*0\.02"):
         Shield(ToyEnv(toy_robot), NoFilter(toy_robot, 0.008))
