@@ -24,7 +24,7 @@ from numba.core.caching import (
     _SourceFileBackedLocatorMixin,
 )
 
-from jssa_gym.kernels import second
+from jssa_gym.kernels import second_compiler
 from jssa_gym.kernels.garbage import collecting_seldom
 
 _logger = logging.getLogger("jssa_gym")
@@ -121,7 +121,7 @@ class KernelCache(FunctionCache):
         super().__init__(function)
         stamp = self._impl.locator.get_source_stamp()
         self._cache_file = _Entries(self._cache_path, self._impl.filename_base, stamp)
-        self._writable, self._kernel = writable, second.full_name(function)
+        self._writable, self._kernel = writable, second_compiler.full_name(function)
 
     def holds(self, sig: Any, target_context: Any) -> bool:
         """Whether machine code of a signature is there, by the index."""
@@ -129,14 +129,14 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = self._load(sig, target_context)
-        if found is None and any(other.has_compiled((self._kernel, sig)) for other in second.running):
+        if found is None and any(other.has_compiled((self._kernel, sig)) for other in second_compiler.running):
             found = self._load(sig, target_context)
         if found is not None:
             self._tell(sig)
         return found
 
     def _tell(self, sig: Any) -> None:
-        for other in second.running:
+        for other in second_compiler.running:
             other.tell_of((self._kernel, sig))
 
     def _load(self, sig: Any, target_context: Any) -> Any:

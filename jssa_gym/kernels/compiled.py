@@ -10,7 +10,7 @@ from typing import Any
 
 from numba import config
 
-from jssa_gym.kernels import second
+from jssa_gym.kernels import second_compiler
 from jssa_gym.kernels.jit import CACHE_DIRECTORY, CACHE_IS_TEMPORARY, CACHE_IS_WRITABLE
 
 _logger = logging.getLogger("jssa_gym")
@@ -85,10 +85,10 @@ def _have_compiled(wholes: Sequence[tuple[Any, tuple[Any, ...]]], parts: Parts) 
             return
         if not _can_be_two():
             return
-        if not any(other.runs for other in second.running):
-            second.running[:] = [second.Second(CACHE_DIRECTORY.parent)]
-        named = [[(second.full_name(kernel.py_func), of) for kernel, of in some] for some in (wholes, parts())]
-        second.running[0].ask(*named)
+        if not any(other.runs for other in second_compiler.running):
+            second_compiler.running[:] = [second_compiler.SecondCompiler(CACHE_DIRECTORY.parent)]
+        named = [[(second_compiler.full_name(kernel.py_func), of) for kernel, of in some] for some in (wholes, parts())]
+        second_compiler.running[0].ask(*named)
     except Exception:  # it is of no consequence but for time
         _logger.debug("no second process compiles", exc_info=True)
 

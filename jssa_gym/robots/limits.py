@@ -54,7 +54,7 @@ def read_limits(path: Path, partial: bool = False) -> LimitTable:
         partial: Whether jerk, or acceleration and jerk, may be missing; they are guessed then.
 
     Raises:
-        RobotModelError: It is not there, no such table, or lacks something.
+        RobotModelError: It is not there, no such table, lacks something, or has a limit that is none.
     """
     try:
         table = tomllib.loads(read_text(path, RobotModelError, _LARGEST))
@@ -73,6 +73,11 @@ def read_limits(path: Path, partial: bool = False) -> LimitTable:
         raise RobotModelError(
             f"{path.name}: velocity, acceleration, jerk have to be lists of numbers: {error}"
         ) from error
+    for name, values in given.items():
+        if not (np.all(values > 0.0) and np.all(np.isfinite(values))):
+            raise RobotModelError(
+                f"{path.name}: {name} limits have to be positive and finite, got {table[name]} {table['unit']}"
+            )
     velocity = given["velocity"]
     acceleration = given.get("acceleration", velocity / _RISE)
     jerk = given.get("jerk", _guessed_jerk(acceleration))

@@ -1,4 +1,4 @@
-"""What of a control step can be compiled by itself, beside the rest; see :mod:`jssa_gym.kernels.second`."""
+"""What of a control step can be compiled by itself, beside the rest; see :mod:`jssa_gym.kernels.second_compiler`."""
 
 from typing import Any
 

@@ -525,6 +525,10 @@ def test_limits_are_a_guess_that_says_so_unless_they_are_stated(save, tmp_path):
     table.write_text('unit = "rad"\njerk = [1, 2, 3]\n')
     with pytest.raises(RobotModelError, match=r"mine.toml needs velocity"):
         examine(path, Preparation(limits=table))
+    for wrong in ("0", "-5", "inf", "nan"):
+        table.write_text(f'unit = "deg"\nvelocity = [90, {wrong}, 270]\n')
+        with pytest.raises(RobotModelError, match=rf"mine.toml: .* positive and finite, got \[90, {wrong}, 270\] deg"):
+            examine(path, Preparation(limits=table))
 
 
 # ---- URDF ----------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from numba.core.errors import TypingError
 from places import PATIENCE
 
 from jssa_gym.envs import ArmEnv
-from jssa_gym.kernels import compiled, second
+from jssa_gym.kernels import compiled, second_compiler
 from jssa_gym.kernels import jit as compiler
 from jssa_gym.kernels.garbage import SELDOM
 from jssa_gym.kernels.walkers import walking_parts
@@ -32,7 +32,7 @@ import os, signal, sys, time
 import numpy as np
 from numba import typeof, float64
 from numba.core import event
-from jssa_gym.kernels import second
+from jssa_gym.kernels import second_compiler
 from jssa_gym.kernels.compiled import compile_together
 from jssa_gym.kernels.capsules import capsule_pair, closest_points
 class Compiled(event.Listener):
@@ -49,19 +49,19 @@ compile_together(capsule_pair, (*ends, float64), lambda: PARTS)
 """
 BEGUN = """
 deadline = time.monotonic() + 60.0
-while not second.running[0]._has_said("begun", 0) and time.monotonic() < deadline:
-    second.running[0]._read(0.1)
+while not second_compiler.running[0]._has_said("begun", 0) and time.monotonic() < deadline:
+    second_compiler.running[0]._read(0.1)
 """
 MUCH = """
 for _ in range(4):
-    if second.running[0].runs:
-        second.running[0].ask([(os.urandom(8).hex(), ())], [(os.urandom(40_000).hex(), ())])
-assert not second.running[0].runs, "it is waited for"
+    if second_compiler.running[0].runs:
+        second_compiler.running[0].ask([(os.urandom(8).hex(), ())], [(os.urandom(40_000).hex(), ())])
+assert not second_compiler.running[0].runs, "it is waited for"
 """
 USE = """
 assert abs(capsule_pair(*points, 0.5)[0] - 0.5) < 1e-12
 print(*Compiled.names)
-assert not [other for other in second.running if other.runs], "it outlives what it was started for"
+assert not [other for other in second_compiler.running if other.runs], "it outlives what it was started for"
 """
 TWO = {"JSSA_GYM_SECOND_COMPILER": "1"}
 BOTH = START.replace("PARTS", "[(closest_points, ends)]")
@@ -105,12 +105,14 @@ def test_a_part_is_compiled_elsewhere_and_loaded_here(tmp_path, alone) -> None:
     "what",
     [
         START.replace("PARTS", "[(closest_points, (float64,))]"),  # it fails: no such arguments
-        BOTH + "second.running[0]._process.kill()",
-        BOTH + BEGUN + "second.running[0]._process.kill()",
+        BOTH + "second_compiler.running[0]._process.kill()",
+        BOTH + BEGUN + "second_compiler.running[0]._process.kill()",
         # it hangs: the other waits in vain
-        BOTH + BEGUN + "os.kill(second.running[0]._process.pid, signal.SIGSTOP); second.LONGEST = 0.5",
-        BOTH + "os.kill(second.running[0]._process.pid, signal.SIGSTOP)\n" + MUCH,
-        BOTH + "def unable(*a):\n    raise OSError(10038)\nsecond.selectors.DefaultSelector.register = unable",
+        BOTH
+        + BEGUN
+        + "os.kill(second_compiler.running[0]._process.pid, signal.SIGSTOP); second_compiler.LONGEST = 0.5",
+        BOTH + "os.kill(second_compiler.running[0]._process.pid, signal.SIGSTOP)\n" + MUCH,
+        BOTH + "def unable(*a):\n    raise OSError(10038)\nsecond_compiler.selectors.DefaultSelector.register = unable",
     ],
     ids=["fails", "killed at once", "killed while it compiles", "hangs", "reads nothing", "cannot be heard"],
 )
@@ -121,7 +123,7 @@ def test_whatever_becomes_of_it_everything_is_compiled(tmp_path, what, alone) ->
 
 @pytest.mark.long
 def test_it_ends_with_the_process_that_started_it(tmp_path) -> None:
-    (number,) = run(BOTH + "print(second.running[0]._process.pid, flush=True)\nos._exit(0)", tmp_path, **TWO)
+    (number,) = run(BOTH + "print(second_compiler.running[0]._process.pid, flush=True)\nos._exit(0)", tmp_path, **TWO)
     deadline = time.monotonic() + 30.0
     while time.monotonic() < deadline:
         state = Path(f"/proc/{number}/stat")
@@ -181,8 +183,8 @@ def started(tmp_path, monkeypatch):
     for module in (compiler, compiled):
         monkeypatch.setattr(module, "CACHE_DIRECTORY", tmp_path / "version")
         monkeypatch.setattr(module, "CACHE_IS_WRITABLE", True)
-    monkeypatch.setattr(second, "Second", Recorded)
-    monkeypatch.setattr(second, "running", [])
+    monkeypatch.setattr(second_compiler, "SecondCompiler", Recorded)
+    monkeypatch.setattr(second_compiler, "running", [])
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1}, raising=False)
     monkeypatch.delenv("JSSA_GYM_SECOND_COMPILER", raising=False)
 
@@ -240,7 +242,7 @@ def test_that_none_can_be_started_is_said_to_whoever_debugs(started, monkeypatch
     def no_more(cache: Path) -> None:
         raise BlockingIOError("no more processes")
 
-    monkeypatch.setattr(second, "Second", no_more)
+    monkeypatch.setattr(second_compiler, "SecondCompiler", no_more)
     with caplog.at_level("DEBUG", "jssa_gym"):
         assert started() == []
     (record,) = caplog.records

@@ -35,7 +35,7 @@ def full_name(function: Any) -> str:
     return f"{function.__module__}:{function.__qualname__}"
 
 
-class Second:
+class SecondCompiler:
     """The second process.
 
     Args:
@@ -47,7 +47,7 @@ class Second:
         paths = [folder or str(Path.cwd()) for folder in sys.path]  # what is imported here is imported there
         alike = ["-s"] if sys.flags.no_user_site else []
         self._process = subprocess.Popen(
-            [sys.executable, *alike, "-P", "-W", "ignore", "-m", "jssa_gym.kernels.second"],
+            [sys.executable, *alike, "-P", "-W", "ignore", "-m", "jssa_gym.kernels.second_compiler"],
             bufsize=0,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -132,7 +132,7 @@ class Second:
         return bool(said)
 
 
-running: list[Second] = []
+running: list[SecondCompiler] = []
 """The one that was started last, if any."""
 
 
