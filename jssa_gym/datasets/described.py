@@ -11,7 +11,8 @@ class Described(NamedTuple):
 
     recipe: Recipe
     digest: str
-    """What :func:`~jssa_gym.datasets.write_dataset` finds for it with the pinned versions."""
+    """What :func:`~jssa_gym.datasets.write_dataset` finds for it with the pinned versions, on x86-64 with the
+    environment variable ``OPENBLAS_CORETYPE=Haswell``."""
 
 
 _REACH = Recipe("reach", "reach-sac", human="random", episodes=100, seed=8_000_000)

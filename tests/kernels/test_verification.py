@@ -243,10 +243,12 @@ class Case:
 
 def own_slack(motion, margin=0.0):
     """Smallest gap of the arm to itself, of pairs that move against each other [m]."""
-    found, radius = [np.inf], motion.robot.capsules["radius"]
+    found, radius, link = [np.inf], motion.robot.capsules["radius"], motion.robot.capsules["link"]
+    turned = np.ptp(motion.samples[1], axis=0)
     for i, j in motion.robot.self_pairs:
-        gap = segment_gaps(motion.ends[:, i, 0], motion.ends[:, i, 1], motion.ends[:, j, 0], motion.ends[:, j, 1])
-        if np.ptp(gap) > 1e-9:
+        # whether a joint between them turns: the gap itself does not change where a capsule lies on that joint's axis
+        if turned[min(link[i], link[j]) + 1 : max(link[i], link[j]) + 1].max() > 0.0:
+            gap = segment_gaps(motion.ends[:, i, 0], motion.ends[:, i, 1], motion.ends[:, j, 0], motion.ends[:, j, 1])
             found.append(gap.min() - radius[i] - radius[j] - 2.0 * margin)
     return min(found)
 
@@ -833,7 +835,10 @@ def test_the_choice_is_the_first_that_is_verified(robot, times):
             assert good == (k == which)
             if k == 0:
                 assert why == (code if limited else ver.LIMITS)
-                assert where == (tuple(rest) if limited and code != ver.SAFE else where)
+                if limited and code != ver.SAFE:
+                    assert where[:2] == tuple(rest[:2])
+                    # the stop's jerks are rounded there to what an environment integrates
+                    assert where[2] == pytest.approx(rest[2], rel=1e-12)
             if good:
                 for name in ("ramp", "hold", "release"):
                     np.testing.assert_array_equal(plan[name], motion.plan[name])

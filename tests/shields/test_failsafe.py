@@ -1002,7 +1002,7 @@ def test_rows_ask_for_what_they_say_and_get_it(robot, random_scene, recovery, ti
     """Targets are max(0, phi_k - rho authority) of each pair, and kept by the arm's true motion."""
     filter = JSSAFilter(robot, DT, IndexParams(*INDEX), recovery=recovery)
     rng, kept, positive, compared = np.random.default_rng(4), 0, 0, 0
-    for _ in range(4000):
+    for _ in range(4000 * times):
         scene = random_scene(rng, 0.5, 1.2, motion=0.05)
         decision = filter.decide(scene, rng.uniform(-1.0, 1.0, 6) * robot.limits.jerk)
         if decision.rows == 0:
